@@ -30,6 +30,8 @@ KEYS = (
 )
 #: multiple of the scene's duration beyond which a scene that stays together (walls, load, drive) is not continued
 LONGEST = 20.0
+#: uncertainty of the reference, relative to the largest value, above which no file is called right
+DETERMINED = 0.01
 #: largest value of a run that has not failed, in SI units
 LARGEST = 1e100
 #: most values of a quantity of a file that are judged; of larger files every second, third ... sample is taken
@@ -258,9 +260,15 @@ def _diagnosis(
     scene: Scene, files: Sequence[FileErrors], floor: Mapping[str, float], converging: Sequence[Convergence]
 ) -> Diagnosis:
     """Return the likely cause; errors without a cause that fall to nothing with the time step are those of the step."""
-    if not any(file.first_divergence(scene) for file in files):
-        return EXPLAINED
-    diagnosis = diagnose(scene, [file.record for file in files], floor)
+    explained = not any(file.first_divergence(scene) for file in files)
+    diagnosis = EXPLAINED if explained else diagnose(scene, [file.record for file in files], floor)
+    if diagnosis.cause == "none" and (part := _without_reference(files)):
+        name, share = part.quantity, part.relative(part.reference_uncertainty)
+        return Diagnosis(
+            cause="unknown",
+            evidence=f"The reference is uncertain by {share:.2g} of the largest {name} at these times, so that errors"
+            " of the file cannot be seen; give earlier samples.",
+        )
     if diagnosis.cause != "unknown" or not converging or not all(part.vanishes for part in converging):
         return diagnosis
     order = min(part.order.value for part in converging if part.order is not None)
@@ -269,6 +277,14 @@ def _diagnosis(
         evidence=f"The errors of all files fall with the time step at an order of {order:.2f} or more, as those of an"
         " integrator do.",
     )
+
+
+def _without_reference(files: Sequence[FileErrors]) -> QuantityErrors | None:
+    """Return a quantity that the reference does not determine; forces are uncertain wherever damped contacts close."""
+    for part in (part for file in files for part in file.quantities.values()):
+        if part.quantity != "contact_force" and part.relative(part.reference_uncertainty) > DETERMINED:
+            return part
+    return None
 
 
 def _check_steps(records: Sequence[Record]) -> None:

@@ -285,3 +285,23 @@ def test_a_contact_is_named_where_a_small_difference_grows_in_many_collisions(tm
     db.write_trajectory(run, wrong, tmp_path / "wrong.csv", layout="wide")
     judgement = db.judge((tmp_path / "wrong.csv", 2e-8), scene)
     assert (judgement.cause, judgement.where, judgement.outcome) == ("stiffness", "contact 17", "FAIL")
+
+
+def test_samples_where_the_reference_is_uncertain_are_not_called_right(tmp_path: Path) -> None:
+    # four bodies between two walls: each collision multiplies a difference, after 15 durations by more than 1e13
+    wall = Wall(stiffness=4e9, gap=2e-6)
+    masses = (8e-3, 1.1e-2, 1.4e-2, 8e-3)
+    box = db.Scene(
+        name="box", duration=2e-3, mass=masses, stiffness=(4e9,) * 3, gap=(2e-6,) * 3, velocity=(0.8, 0.0, 0.0, 0.0),
+        wall_left=wall, wall_right=wall, samples=40,
+    )  # fmt: skip
+    judgements = {}
+    for multiple in (1, 15):
+        scene = replace(box, duration=multiple * box.duration, samples=multiple * box.samples)
+        run = db.solve(scene, backend="verlet", dt=1e-7, uncertainty=False)
+        path = tmp_path / f"{multiple}.csv"
+        db.write_trajectory(run, scene, path, layout="wide")
+        judgements[multiple] = db.judge((path, 1e-7), box)
+    assert (judgements[1].outcome, judgements[1].cause) == ("PASS", "none")
+    assert (judgements[15].outcome, judgements[15].cause) == ("UNDECIDED", "unknown")
+    assert "The reference is uncertain by" in judgements[15].evidence
