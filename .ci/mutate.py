@@ -242,6 +242,7 @@ def _in_child(mutant: Mutant | None, tests: Sequence[str], show: bool) -> str:
         tree, *_ = mutated(path.read_text(encoding="utf-8"), mutant.index)
         name = Path(mutant.file).with_suffix("").as_posix().replace("/", ".")
         plugin.finder = _Finder(_Changed(name, path, compile(tree, str(path), "exec")))
+        sys.meta_path.insert(0, plugin.finder)  # conftest.py is imported before the plugin is configured
         if path.name == "kernels.py":  # compiled code of the right one must not be loaded
             os.environ["NUMBA_CACHE_DIR"] = str(RESULTS.parent / "mutants-numba")
     words = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", "not slow and not browser and not peers"]
@@ -266,6 +267,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=20)
     parser.add_argument("--again", type=int, metavar="NUMBER", help="run one of the sample and show its tests")
     parser.add_argument("--survivors", action="store_true", help="run those again that no test caught")
+    parser.add_argument("--deselect", action="append", default=[], metavar="TEST", help="leave out a test that fails")
     parser.add_argument("--fresh", action="store_true", help="forget earlier results")
     options = parser.parse_args()
     os.chdir(ROOT)
@@ -283,10 +285,11 @@ def main() -> int:
     results = {(entry["file"], entry["before"], entry["after"]): entry for entry in map(json.loads, lines)}
     for number, mutant in enumerate(mutants):
         key = (mutant.file, mutant.before, mutant.after)
-        if key in results and not (options.survivors and results[key]["caught_by"] == "none"):
+        again = [*options.deselect, *(["none"] if options.survivors else [])]
+        if key in results and results[key]["caught_by"] not in again:
             continue
         began = time.monotonic()
-        caught = run_tests(mutant, tests_of(mutant.file))
+        caught = run_tests(mutant, [*tests_of(mutant.file), *(f"--deselect={test}" for test in options.deselect)])
         results[key] = vars(mutant) | {"number": number, "caught_by": caught, "s": round(time.monotonic() - began, 1)}
         with RESULTS.open("a", encoding="utf-8") as file:
             file.write(json.dumps(results[key]) + "\n")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import doctest
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -69,3 +71,17 @@ def test_the_sample_of_faults_is_the_same_every_time_and_changes_one_line_each()
         assert fault.before != fault.after
         assert fault.file in mutate.tests_of(fault.file)
         assert len(mutate.tests_of(fault.file)) > 1
+
+
+@pytest.mark.slow
+def test_a_planted_fault_is_caught_by_examples_and_by_tests() -> None:
+    file = "dem_bridge/physics/elliptic.py"
+    text = (ROOT / file).read_text(encoding="utf-8")
+    index = next(k for k in range(99) if mutate.mutated(text, k)[1].endswith("integral_k / share)"))
+    for tests in ([file], ["tests/physics/test_elliptic.py"]):
+        program = (
+            "import sys; sys.path[:0] = ['.ci', '.']; import mutate;"
+            f"print(mutate.run_tests(mutate.Mutant({file!r}, {index}, 0, '', ''), {tests!r}))"
+        )
+        done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+        assert done.stdout.startswith(tests[0]), done.stderr

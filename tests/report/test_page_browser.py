@@ -1,7 +1,7 @@
 """The page in a browser: nothing is cut, tables sort, on paper the appendix is unfolded, axe finds nothing.
 
 These tests need Chromium; that of accessibility needs axe-core, too: ``npm install --no-save axe-core@4.14.1``, or the
-path of ``axe.min.js`` in the variable AXE_CORE.
+path of ``axe.min.js`` in the variable AXE_CORE. With DEM_BRIDGE_REQUIRE_BROWSER=1 they fail where either is missing.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ import pytest
 from dem_bridge.report.page import write_study
 from tests.helpers.fake_paper import fake_paper
 
+REQUIRED = os.environ.get("DEM_BRIDGE_REQUIRE_BROWSER") == "1"
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium")]
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None and not REQUIRED, reason="no Chromium")]
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +53,43 @@ def _asked(page: Path, folder: Path, script: str, *words: str, hash: str = "") -
     address = (folder / "asked.html").as_uri() + hash
     shown = _browse(f"--user-data-dir={folder / 'profile'}", *words, "--dump-dom", address)
     return json.loads(unescape(re.findall(r'<pre id="told">(.*?)</pre>', shown, re.DOTALL)[0]))
+
+
+#: notes errors, failed loads and complaints from the first line of the page on
+_WATCH = """<script>window.faults = [];
+addEventListener("error", (event) => faults.push(event.message || event.target.src || event.target.href), true);
+addEventListener("unhandledrejection", (event) => faults.push(String(event.reason)));
+for (const kind of ["error", "warn"]) console[kind] = (...words) => faults.push(words.join(" "));</script>"""
+#: everything is opened and clicked; then the faults, and the addresses of all that was loaded
+_FAULTS = """
+for (const one of document.querySelectorAll("details")) one.open = true;
+for (const one of document.querySelectorAll("[role=button], button, summary")) one.click();
+setTimeout(() => {
+  told.textContent = JSON.stringify([faults, performance.getEntriesByType("resource").map((one) => one.name)]);
+}, 2000);
+return [["no answer"], []];
+"""
+
+
+def _faults(page: Path, folder: Path, more: str = "") -> Any:
+    """Return the faults of a page with something added, and what it loads."""
+    watched = folder / "watched.html"
+    text = page.read_text(encoding="utf-8").replace("<head>", f"<head>{_WATCH}", 1)
+    assert _WATCH in text
+    watched.write_text(text.replace("</body>", f"{more}</body>"), encoding="utf-8")
+    return _asked(watched, folder, _FAULTS, "--virtual-time-budget=10000")
+
+
+def test_the_console_has_no_error_and_nothing_is_loaded(page: Path, tmp_path: Path) -> None:
+    assert _faults(page, tmp_path) == [[], []]
+
+
+def test_an_error_a_complaint_and_a_picture_from_elsewhere_are_caught(page: Path, tmp_path: Path) -> None:
+    picture = "http://127.0.0.1:9/x.png"  # nobody listens there
+    more = f'<img src="{picture}"><script>console.error("bad")</script><script>nothing.here</script>'
+    faults, loaded = _faults(page, tmp_path, more)
+    assert {"bad", "Uncaught ReferenceError: nothing is not defined", picture} <= set(faults)
+    assert loaded == [picture]
 
 
 #: what is wider than the window, but for what may be scrolled; texts that leave their cell
@@ -193,7 +231,9 @@ def _violations(page: Path, folder: Path, dark: bool = False) -> Any:
     return _asked(with_axe, folder, _VIOLATED, colours, "--virtual-time-budget=60000")
 
 
-needs_axe = pytest.mark.skipif(not AXE.is_file(), reason="no axe-core: npm install --no-save axe-core@4.14.1")
+needs_axe = pytest.mark.skipif(
+    not AXE.is_file() and not REQUIRED, reason="no axe-core: npm install --no-save axe-core@4.14.1"
+)
 
 
 @needs_axe
