@@ -1,10 +1,12 @@
-"""Reports of the progress of a run to a listener; without a listener they cost nothing."""
+"""Report the progress of runs and campaigns to listeners, and pass on the request to begin no more runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
+from threading import Event
 
 _listener: ContextVar[Callable[[float], None] | None] = ContextVar("listener", default=None)
 
@@ -58,3 +60,85 @@ def share(before: float, part: float) -> Iterator[None]:
         return
     with listening(lambda fraction: listener(before + part * fraction)):
         yield
+
+
+class Interrupted(KeyboardInterrupt):
+    """A campaign that was asked to stop has ended the runs that had begun; the message says how many are done."""
+
+
+@dataclass(kw_only=True)
+class Campaign:
+    """The state of a campaign: what is done, what has failed, and what is running."""
+
+    total: int
+    """Number of runs, with those that the store has."""
+    done: int
+    failures: int = 0
+    """Runs that are broken."""
+    running: tuple[str, ...] = ()
+    """Labels of the cases that are being run."""
+
+    def update(self, *, done: int = 0, failures: int = 0, running: tuple[str, ...] | None = None) -> None:
+        """Count further runs, and tell those who watch unless nothing is new."""
+        before = self.done, self.failures, self.running
+        self.done, self.failures = self.done + done, self.failures + failures
+        self.running = self.running if running is None else running
+        if before != (self.done, self.failures, self.running):
+            for watcher in _watchers:
+                watcher(self)
+
+
+_watchers: list[Callable[[Campaign], None]] = []
+_campaigns: list[Campaign] = []
+_stop = Event()
+
+
+@contextmanager
+def campaign(total: int, done: int) -> Iterator[Campaign]:
+    """Yield the state of a campaign, which can be watched and asked to stop within this context.
+
+    Examples
+    --------
+    >>> seen = []
+    >>> with watching(lambda state: seen.append(state.done)), campaign(3, 1) as state:
+    ...     state.update(done=1, running=("pair: verlet",))
+    >>> seen
+    [1, 2]
+    """
+    state = Campaign(total=total, done=done)
+    _campaigns.append(state)
+    try:
+        for watcher in _watchers:
+            watcher(state)
+        yield state
+    finally:
+        _campaigns.remove(state)
+        state.update(running=())
+
+
+@contextmanager
+def watching(watcher: Callable[[Campaign], None]) -> Iterator[None]:
+    """Call ``watcher`` with the state of every campaign when it changes, within this context."""
+    _watchers.append(watcher)
+    try:
+        yield
+    finally:
+        _watchers.remove(watcher)
+
+
+def request_stop() -> bool:
+    """Ask all campaigns to begin no more runs; return False if there is none, or they were asked before."""
+    if not _campaigns or _stop.is_set():
+        return False
+    _stop.set()
+    return True
+
+
+def stop_requested() -> bool:
+    """Return True if no more runs are to begin."""
+    return _stop.is_set()
+
+
+def withdraw_stop() -> None:
+    """Let runs begin again."""
+    _stop.clear()

@@ -26,6 +26,7 @@ from dem_bridge.campaign.pool import SLICE, run_in_processes
 from dem_bridge.campaign.tasks import Outcome, Task, Work, broken, perform_all
 from dem_bridge.errors import RunBroken
 from dem_bridge.leftovers import owned
+from dem_bridge.progress import Campaign, stop_requested
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -35,7 +36,7 @@ Jobs = int | Executor | None
 _WORKERS = 16
 
 
-def run_by_executor(tasks: Sequence[Task], executor: Executor) -> Iterator[tuple[Task, Outcome]]:
+def run_by_executor(tasks: Sequence[Task], executor: Executor, state: Campaign) -> Iterator[tuple[Task, Outcome]]:
     """Yield each task with its outcome, as they come.
 
     The tasks of a chunk whose worker dies are done once more, each alone, and one that dies again is broken. Where
@@ -54,6 +55,9 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor) -> Iterator[tuple
     work, since = Work(tasks, workers_of(executor)), time.monotonic()
     try:
         while work.pending or away:
+            if stop_requested():
+                work.pending.clear()
+                away = {future: chunk for future, chunk in away.items() if not future.cancel()}
             try:
                 while work.pending:
                     future = _submit(executor, work.pending[0])
@@ -61,8 +65,10 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor) -> Iterator[tuple
             except BrokenExecutor:  # processes on this machine, of which one died: ours go on
                 rest = [task for chunk in (*away.values(), *work.pending) for task in chunk]
                 away.clear()
-                yield from run_in_processes(rest, workers_of(executor), main=False)
+                yield from run_in_processes(rest, workers_of(executor), state, main=False)
                 return
+            running = (task.case.label for future, chunk in away.items() if future.running() for task in chunk[:1])
+            state.update(running=tuple(running))
             done, _ = wait(away, timeout=SLICE, return_when=FIRST_COMPLETED)
             for future in done:
                 chunk, since = away.pop(future), time.monotonic()

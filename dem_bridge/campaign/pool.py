@@ -18,6 +18,7 @@ from types import ModuleType
 
 from dem_bridge.campaign.tasks import Outcome, Task, Work, broken, perform
 from dem_bridge.errors import RunBroken
+from dem_bridge.progress import Campaign, stop_requested
 
 #: s for which the campaign sleeps at most: a signal that comes just before the sleep waits no longer
 SLICE = 0.2
@@ -27,7 +28,9 @@ _GRACE = 5.0
 _FAILED_STARTS = 3
 
 
-def run_in_processes(tasks: Sequence[Task], workers: int, *, main: bool) -> Iterator[tuple[Task, Outcome]]:
+def run_in_processes(
+    tasks: Sequence[Task], workers: int, state: Campaign, *, main: bool
+) -> Iterator[tuple[Task, Outcome]]:
     """Yield each task with its outcome, as they come; ``main``: a task needs the main program.
 
     A task whose process dies is done once more, and is broken if that process dies, too. A process that takes longer
@@ -41,9 +44,12 @@ def run_in_processes(tasks: Sequence[Task], workers: int, *, main: bool) -> Iter
     work, failed_starts = Work(tasks, workers), 0
     with _processes(workers, main) as processes:
         while work.pending or any(process.tasks for process in processes):
+            if stop_requested():
+                work.pending.clear()
             for process in processes:
                 if work.pending and process.is_idle:
                     process.assign(work.pending.popleft())
+            state.update(running=tuple(process.tasks[0].case.label for process in processes if process.tasks))
             ready = wait([process.connection for process in processes], timeout=SLICE)
             for at, process in enumerate(processes):
                 if process.connection in ready and process.has_outcome():

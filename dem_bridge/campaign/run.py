@@ -19,8 +19,8 @@ from dem_bridge.campaign.executors import Jobs, run_by_executor
 from dem_bridge.campaign.pool import run_in_processes
 from dem_bridge.campaign.results import Progress, Result, run_case
 from dem_bridge.campaign.tasks import Outcome, Task, is_stored, perform_task, with_run
-from dem_bridge.errors import UsageError
-from dem_bridge.progress import listening
+from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.progress import Campaign, Interrupted, campaign, listening, stop_requested
 from dem_bridge.runs.cache import RunCache, load_run
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
@@ -131,7 +131,10 @@ def run_cases(
         )
         for name, case in sorted(todo.items(), key=_turn)
     ]
-    with closing(_outcomes(tasks, jobs, say)) as outcomes:
+    with (
+        campaign(len(tasks) + len(results), len(results)) as state,
+        closing(_outcomes(tasks, jobs, say, state)) as outcomes,
+    ):
         for task, outcome in outcomes:
             del remaining[task.name]
             if outcome.error is not None:
@@ -146,6 +149,10 @@ def run_cases(
                 store.trouble = store.trouble or outcome.trouble
             results[task.name] = replace(result, key=task.key) if outcome.kept else stored(result)
             say(task.case.label)
+            state.update(done=1, failures=isinstance(result.failure, RunBroken))
+    if remaining:  # only where a stop is requested
+        after = "they are not kept" if store is None or store.trouble else "they are kept, and a second call goes on"
+        raise Interrupted(f"interrupted after {state.done} of {state.total} runs; {after}")
     for name, case in left.items():
         if todo.get(name) == case:
             continue
@@ -218,23 +225,29 @@ def run_groups(
 
 
 def _outcomes(
-    tasks: Sequence[Task], jobs: Jobs, say: Callable[[str, float], None]
+    tasks: Sequence[Task], jobs: Jobs, say: Callable[[str, float], None], state: Campaign
 ) -> Generator[tuple[Task, Outcome], None, None]:
-    """Yield each task with its outcome: first those that go elsewhere, as they come, then those that stay here."""
+    """Yield each task with its outcome: first those that go elsewhere, as they come, then those that stay here.
+
+    When a stop is requested, those that have begun are ended, and no other begins.
+    """
     away = [task for task in tasks if isinstance(jobs, int) or not _stays(task.case.scene, of_main=True)]
     if isinstance(jobs, Executor):
-        yield from run_by_executor(away, jobs)
+        yield from run_by_executor(away, jobs, state)
     elif (workers := _workers(jobs, [task.case for task in away])) > 1:
         main = any(_stays(task.case.scene, of_main=True) for task in away)
-        yield from run_in_processes(away, workers, main=main)
+        yield from run_in_processes(away, workers, state, main=main)
     else:
         away = []
     gone = {task.name for task in away}
     for task in tasks:
         if task.name in gone:
             continue
+        if stop_requested():
+            return
         label = task.case.label
         say(label, 0.0)
+        state.update(running=(label,))
         with listening(partial(_within, say, label, task.case.expected)):
             stored = with_run(task, Outcome(result=Result(case=task.case), kept=True)) if is_stored(task) else None
             outcome = stored or perform_task(replace(task, folder=None))

@@ -49,7 +49,8 @@ class _Group(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command and turn errors into exit codes."""
         try:
-            return super().invoke(ctx)
+            with terminal.ending_in_order():
+                return super().invoke(ctx)
         except UnsupportedScene as error:
             text, code = f"NOT_RUN: {error}", 2
         except BlockedScript as error:
@@ -69,8 +70,8 @@ class _Group(click.Group):
             text, code = f"{error.format_message()} See: {command} --help", 2
         except (OSError, ArithmeticError, MemoryError) as error:
             text, code = f"{type(error).__name__}: {error}; the run was stopped", 3
-        except KeyboardInterrupt:
-            text, code = "interrupted; the run was stopped", 130
+        except KeyboardInterrupt as error:  # with words where a campaign ended in order
+            text, code = str(error) or "interrupted; the run was stopped; a second call uses what was finished", 130
         click.echo(f"dem-bridge: {one_line(text)}", err=True)
         ctx.exit(code)
 
@@ -152,6 +153,7 @@ def verify(
     json_file: Path | None = None,
     junit_file: Path | None = None,
     known_defects: str = "fail",
+    json_progress: bool = False,
     **settings: Any,
 ) -> None:
     """Verify scenes and write a report.
@@ -161,7 +163,7 @@ def verify(
     for file in (json_file, junit_file):
         if file is not None:
             check_new(file, force)
-    with terminal.bar() as progress:
+    with terminal.bar(json_progress) as progress:
         verification = dem_bridge.verify(list(scenes) or None, folder=folder, progress=progress, **settings)
     if json_file is not None:
         write_whole(json_file.parent, {json_file.name: (folder / "verdicts.json").read_text(encoding="utf-8")})
@@ -180,12 +182,12 @@ def verify(
 
 
 @with_options("plan")
-def plan(scene: str, accuracy: float, as_json: bool, **settings: Any) -> None:
+def plan(scene: str, accuracy: float, as_json: bool, json_progress: bool = False, **settings: Any) -> None:
     """Find the cheapest settings for an accuracy.
 
     The settings are those of the cheapest backend, or of one backend. Runs check them.
     """
-    with terminal.bar() as progress:
+    with terminal.bar(json_progress) as progress:
         answer = dem_bridge.plan(scene, accuracy, progress=progress, **settings)
     if as_json:
         print_json(answer.as_json())

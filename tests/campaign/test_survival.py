@@ -73,7 +73,7 @@ def test_two_campaigns_over_one_store_share_the_work(survival: Survival) -> None
 def test_a_campaign_that_is_killed_beside_another_harms_it_not(survival: Survival) -> None:
     # a campaign that begins no more than half of the runs waits for nobody and for nothing but the kill
     kills = moments(20, 4, survival.cases // 2)
-    other = survival.begin()
+    other = survival.begin()  # a run of the other cannot begin either while one waits to be killed
     for ended in kills:
         survival.begin_and_kill(ended=ended, whole=True)
     end = survival.finish(other)

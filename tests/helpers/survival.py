@@ -1,7 +1,8 @@
 """A campaign as a program that can be killed, and what is left of it.
 
 ``python -m tests.helpers.survival STORE CASES JOBS`` prints a line of JSON: a digest of all trajectories, their number,
-how many are from the store, and the problem with the store.
+how many are from the store, and the problem with the store. It is a command as those of ``dem-bridge``, with the option
+``--json-progress``.
 """
 
 from __future__ import annotations
@@ -18,16 +19,28 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import click
+
 from tests.helpers.processes import PATIENCE, all_end, happens
 
 ROOT = Path(__file__).parents[2]
 COUNTED = Path(__file__).with_name("counted")
 
 
-def main(folder: str, count: str, jobs: str) -> None:
+def program() -> click.Group:
+    """Return the campaign as a command of a group as ``dem-bridge``."""
+    from dem_bridge.cli.group import _Group
+
+    words = [click.Argument([name]) for name in ("folder", "count", "jobs")]
+    option = click.Option(["--json-progress", "json_progress"], is_flag=True)
+    return _Group(commands=[click.Command("run", callback=main, params=[*words, option])])
+
+
+def main(folder: str, count: str, jobs: str, json_progress: bool) -> None:
     """Run the campaign and print what came out."""
     from dem_bridge.backends.base import Resolution, Sampling
     from dem_bridge.campaign import run_cases
+    from dem_bridge.cli.terminal import bar
     from dem_bridge.runs.case import Case
     from dem_bridge.runs.store import Store
     from dem_bridge.scene import Scene
@@ -39,7 +52,8 @@ def main(folder: str, count: str, jobs: str) -> None:
     settings: dict[str, Any] = {"resolution": Resolution(dt=5e-10), "sampling": Sampling(count=20)}
     cases = [Case(scene=scene, backend="verlet", uncertainty=False, **settings) for scene in scenes]
     store = Store(folder)
-    results = run_cases(cases, jobs=int(jobs), store=store)
+    with bar(json_progress) as progress:
+        results = run_cases(cases, jobs=int(jobs), store=store, progress=progress)
     runs = [result.trajectory for result in results if result.trajectory is not None]
     digest = hashlib.sha256(b"".join(run.velocity.tobytes() for run in runs)).hexdigest()
     stored = sum("stored" in run.provenance for run in runs)
@@ -60,18 +74,28 @@ class Survival:
         self.store, self.temporary = self.folder / "store", self.folder / "temporary"
         self.temporary.mkdir(parents=True)
 
-    def begin(self, *, halt: int = sys.maxsize) -> subprocess.Popen[str]:
+    def halt(self, ended: int = sys.maxsize) -> None:
+        """Let no run begin when so many have ended in all."""
+        part = self.folder / "halt.part"
+        part.write_text(str(ended))
+        part.replace(self.folder / "halt")
+
+    def begin(self, *options: str, halt: int = sys.maxsize) -> subprocess.Popen[str]:
         """Start a campaign, in a session of its own; it begins no run when so many have ended in all."""
+        self.halt(halt)
         path = os.pathsep.join([str(COUNTED), str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
-        own = {"DEM_BRIDGE_COUNT": str(self.folder / "count"), "DEM_BRIDGE_HALT": str(halt)}
+        own = {"DEM_BRIDGE_COUNT": str(self.folder / "count"), "DEM_BRIDGE_HALT": str(self.folder / "halt")}
+        words = (str(self.store), str(self.cases), str(self.jobs))
         return subprocess.Popen(
-            [sys.executable, "-m", "tests.helpers.survival", str(self.store), str(self.cases), str(self.jobs)],
+            [sys.executable, "-m", "tests.helpers.survival", "run", *words, *options],
             env={**os.environ, "PYTHONPATH": path, "TMPDIR": str(self.temporary), **own},
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            # where the tests run in the background Ctrl-C is ignored, and children inherit that
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
         )
 
     def begin_and_kill(self, *, ended: int, whole: bool) -> None:
@@ -89,7 +113,7 @@ class Survival:
         return dict(json.loads(out))
 
     def counted(self, word: str) -> int:
-        """Return how many runs have begun ("begin") or ended ("end")."""
+        """Return how many runs have begun ("begin"), ended ("end") or are halted ("wait")."""
         path = self.folder / "count"
         lines = path.read_text().splitlines() if path.exists() else []
         return sum(line.startswith(word) for line in lines)
@@ -123,4 +147,4 @@ def moments(seed: int, number: int, most: int) -> Sequence[int]:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    program().main(sys.argv[1:])

@@ -1,7 +1,8 @@
 """Imported by every process that has this folder on its path: write a line for each run as it begins and ends.
 
 ``DEM_BRIDGE_COUNT`` names the file. A line is short, so that it is written as a whole, whichever process writes it.
-When ``DEM_BRIDGE_HALT`` runs have ended, no other begins: a campaign cannot end before it is killed.
+When as many runs have ended as the file ``DEM_BRIDGE_HALT`` says, no other begins: a campaign cannot end before it is
+killed.
 """
 
 from __future__ import annotations
@@ -25,12 +26,17 @@ def _say(word: str, name: str) -> None:
 
 
 def _wait() -> None:
-    halt = int(os.environ["DEM_BRIDGE_HALT"])
+    said = False
     while True:
+        with open(os.environ["DEM_BRIDGE_HALT"]) as file:
+            halt = int(file.read())
         with open(os.environ["DEM_BRIDGE_COUNT"], "a+") as file:
             file.seek(0)
             if sum(line.startswith("end") for line in file) < halt:
                 return
+        if not said:
+            _say("wait", "")
+            said = True
         time.sleep(0.01)
 
 
