@@ -153,6 +153,8 @@ def _sheet(text: str, file: str, quantities: Mapping[str, str], needed: Sequence
         raise _fault("the table has no headings or no rows", f"a row of headings from {allowed}, then rows", file)
     (line, names), *below = rows
     headings: dict[str, str] = {}
+    if not set(names) & (set(quantities) | DERIVED):
+        raise _fault("no heading between commas is known", allowed, file, line)
     for name in names:
         quantity = quantities.get(name)
         if quantity is None:

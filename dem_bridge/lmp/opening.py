@@ -22,8 +22,8 @@ _COMMAND = re.compile(
 )
 #: the number of atoms that a data file declares
 _DATA = re.compile(r"^[ \t]*\d+[ \t]+atoms\b", re.MULTILINE)
-#: a file of numbers, one or two a line
-_NUMBERS = re.compile(r"(?:[ \t]*(?:#.*|[-+.\deE]+(?:[ \t]+[-+.\deE]+)?[ \t]*(?:#.*)?)?\n?)*")
+#: a line of numbers without its comment
+_NUMBERS = re.compile(r"[-+.\deE \t]*")
 
 
 def is_script(text: str) -> bool:
@@ -41,7 +41,8 @@ def files_of(folder: Path, files_below: str | Path | None = None) -> Callable[[s
 
     def text_of(name: str) -> str:
         text = text_of_file(named_file(folder, name, files_below))
-        if not (is_script(text) or _DATA.search(text) or _NUMBERS.fullmatch(text)):
+        numbers = all(_NUMBERS.fullmatch(line.partition("#")[0]) for line in text.splitlines())
+        if not (numbers or is_script(text) or _DATA.search(text)):
             raise OSError(errno.EILSEQ, "it is neither a LAMMPS script nor a data file nor a file of numbers")
         return text
 

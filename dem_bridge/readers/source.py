@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
+from dem_bridge.errors import UsageError
 from dem_bridge.files import MOST_BYTES, checked_file
 
 #: a file of a code, with or without its time step
@@ -30,7 +30,7 @@ def damage_as_usage_error(path: Path) -> Iterator[None]:
             yield
     except UsageError as error:
         raise UsageError(f"{path}: {error}") from error
-    except OF_DAMAGED_DATA as error:
+    except Exception as error:  # the libraries that read arrays raise exceptions of many types for damaged data
         what = "needs too much memory" if isinstance(error, MemoryError) else "is damaged or not in its format"
         raise UsageError(f"{path}: the file {what} ({type(error).__name__}); write it again") from error
 

@@ -176,7 +176,7 @@ WRONG = [
         "# nothing\n",
         "chain.csv: the table has no headings or no rows; allowed: a row of headings from body, mass_kg",
     ),
-    (CHAIN, CHAIN.replace(",", ";"), "chain.csv, line 2: column 'mass_kg; velocity_m_per_s; "),
+    (CHAIN, CHAIN.replace(",", ";"), "chain.csv, line 2: no heading between commas is known; allowed: body, mass_kg, "),
 ]
 
 

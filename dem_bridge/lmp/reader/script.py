@@ -34,6 +34,8 @@ _FORMAT = re.compile(r"%\d{0,2}(\.\d{1,2})?[efg]")
 _DEEPEST = 20
 #: bound of the work for a script, of which a command takes 10, and of the characters of a command
 _MOST_WORK, _LONGEST = 1_000_000, 20_000
+#: work that a command that cannot be read counts as, so that an endless loop of such commands ends soon
+_WORK_OF_ERROR = 200
 #: problem of a command that follows from the problem of an earlier one
 _FOLLOWS = "uses a variable whose definition cannot be read"
 #: a command that is refused -> commands whose problems may only follow from it
@@ -148,6 +150,7 @@ class Script:
                 elif command.name != "label":
                     yield command
             except SceneError as error:
+                self._work += _WORK_OF_ERROR
                 if command.name not in self.silent:
                     self.refuse(command, error)
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.errors import BlockedScript, SceneError
+from dem_bridge.lmp.opening import files_of
 from dem_bridge.lmp.reader.script import Script
 from tests.helpers.strategies import examples
 
@@ -172,3 +174,20 @@ def test_all_problems_are_listed_but_not_those_that_follow_from_others() -> None
         _words(text)
     lines = str(caught.value).splitlines()
     assert [line.split("`")[0] for line in lines] == ["in.test, line 1: ", "in.test, line 5: ", "in.test, line 6: "]
+
+
+def test_an_endless_loop_of_commands_that_cannot_be_read_ends_soon() -> None:
+    script = Script(NOTHING.__getitem__)
+    with pytest.raises(BlockedScript):
+        list(script.commands("in.test", "label a\nvariable b equal ${nothing}\njump SELF a\n"))
+    assert script._work < 1_100_000
+    assert sum(1 for _ in script.blockers) < 10
+
+
+def test_a_long_file_of_another_kind_is_recognised_at_once(tmp_path: Path) -> None:
+    (tmp_path / "numbers").write_text("# ids\n2\n1 0.5\n2 1e-3\n")
+    (tmp_path / "other").write_text("1.0 2.0 " * 20_000 + "x\n")
+    opened = files_of(tmp_path)
+    assert opened("numbers").startswith("# ids")
+    with pytest.raises(OSError, match="neither a LAMMPS script nor a data file"):
+        opened("other")

@@ -1,0 +1,1 @@
+"""Fuzzing of every reader of files: valid files, changed at random, in a child process with limits."""
