@@ -166,11 +166,12 @@ def deck_run(
         target.write_text("".join(lines), encoding="utf-8")
         report = run_deck(folder, path.name, time_limit=time_limit, engine=engine)
         log = folder / "log.lammps"
-        if not (folder / _FILE).is_file():
+        text = log.read_text(errors="replace") if log.is_file() else ""
+        loops = [int(steps) for steps in re.findall(r"^Loop time of .* for (\d+) steps", text, re.MULTILINE)]
+        if not (folder / _FILE).is_file() or (loops and not any(loops)):
             raise RunBroken(f"{path}: LAMMPS ended without an error, but it ran no step; give a deck that runs")
         if deck.read is not None:
             _put_in_order(folder / _FILE, mirrored=deck.mirrored)
-        text = log.read_text(errors="replace") if log.is_file() else ""
         builds = re.findall(r"^Dangerous builds\s*=\s*(\d+)", text, re.MULTILINE)
         yield DeckRun(
             out=folder / _FILE,

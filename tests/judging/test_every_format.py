@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.errors import RunBroken
 from tests.helpers.planted.chains import FAMILIES
 from tests.helpers.planted.faults import Planted, Run, Setting, plant
 from tests.helpers.planted.files import WRITERS, rounded, write_csv, write_vtk
@@ -76,3 +77,20 @@ def test_the_bodies_that_a_file_states_are_taken(
     answer = dict(db.judge(f"{path}@{right.dt!r}", scene))
     # half a step times the largest acceleration; the velocity of another body differs by 0.1 m/s and more
     assert answer["error"]["velocity"]["value"] < 0.03
+
+
+@pytest.mark.lammps
+@pytest.mark.parametrize(
+    "change", [("run             ${steps}", "run 0"), ("run             ${steps}", "quit\nrun 100")]
+)
+def test_a_deck_that_runs_no_step_is_broken(change: tuple[str, str], tmp_path: Path) -> None:
+    scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
+    db.write_deck(scene, tmp_path, dt=1e-6)
+    deck = tmp_path / "in.pair"
+    text = deck.read_text()
+    assert change[0] in text
+    deck.write_text(text.replace(*change))
+    with pytest.raises(
+        RunBroken, match="ended without an error, but it ran no step|ended with exit code 0 while running"
+    ):
+        db.judge([deck], scene)
