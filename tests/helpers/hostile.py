@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from pathlib import Path
 
 
@@ -20,8 +19,8 @@ def endless(_path: Path) -> None:
 
 
 def asleep(_path: Path) -> None:
-    """Sleep for a minute."""
-    time.sleep(60.0)
+    """Wait for a signal that does not come."""
+    signal.pause()
 
 
 def greedy(_path: Path) -> None:

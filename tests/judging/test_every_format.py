@@ -91,6 +91,6 @@ def test_a_deck_that_runs_no_step_is_broken(change: tuple[str, str], tmp_path: P
     assert change[0] in text
     deck.write_text(text.replace(*change))
     with pytest.raises(
-        RunBroken, match="ended without an error, but it ran no step|ended with exit code 0 while running"
+        RunBroken, match=r"ended without an error, but it ran no step|ended with exit code 0 while running"
     ):
         db.judge([deck], scene)

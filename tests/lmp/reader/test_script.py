@@ -178,7 +178,7 @@ def test_all_problems_are_listed_but_not_those_that_follow_from_others() -> None
 
 def test_an_endless_loop_of_commands_that_cannot_be_read_ends_soon() -> None:
     script = Script(NOTHING.__getitem__)
-    with pytest.raises(BlockedScript):
+    with pytest.raises(BlockedScript, match="uses the variable nothing, which is not defined"):
         list(script.commands("in.test", "label a\nvariable b equal ${nothing}\njump SELF a\n"))
     assert script._work < 1_100_000
     assert sum(1 for _ in script.blockers) < 10
