@@ -69,12 +69,8 @@ def parameters_of(function: Callable[..., Any], descriptions: dict[str, str]) ->
     for name, parameter in settings.items():
         if name != "scene" and name not in _SHARED:
             yield _option(parameter, descriptions[name])
-    for name in (
-        *(option for key in settings for option in _SHARED.get(key, ())),
-        "folder",
-        "as_json",
-        "json_progress",
-    ):
+    common = [option for key in settings for option in _SHARED.get(key, ())]
+    for name in dict.fromkeys((*common, "folder", "as_json", "json_progress")):
         yield shared[name]
 
 
