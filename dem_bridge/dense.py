@@ -200,14 +200,21 @@ def at_turns(
     nearer = np.where(first, overlap[0], overlap[1])
     compressed = (top > resolution) & (nearer > 0.0)
     ratio = np.where(compressed, top / np.where(compressed, nearer, 1.0), 0.0)
+    force = np.where(first, force[0], force[1])
     if laws is None:
-        force_ratio = ratio ** (exponent[contacts] - 1.0)
+        power = exponent[contacts] - 1.0
+        with np.errstate(over="ignore"):
+            force_ratio = ratio**power
+        # where the law is stiff and the nearer sample shallow, a tiny force times a huge ratio: two roots of it do
+        huge = np.isinf(force_ratio)
+        root = ratio[huge] ** (0.5 * power[huge])
+        force_ratio[huge], force[huge] = root, force[huge] * root
     else:
         nearer_force = laws.force(np.where(compressed, nearer, 0.0), contacts)
         force_ratio = np.divide(
             laws.force(np.maximum(top, 0.0), contacts), nearer_force, out=ratio, where=nearer_force > 0.0
         )
-    np.maximum.at(peak_force, contacts, np.where(first, force[0], force[1]) * force_ratio)
+    np.maximum.at(peak_force, contacts, force * force_ratio)
     when = time + fraction * width
     for contact, instant in zip(contacts[compressed][::-1], when[compressed][::-1], strict=True):
         crossing[contact] = instant  # backwards in time, so that the first maximum remains

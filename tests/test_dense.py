@@ -185,3 +185,16 @@ def test_no_contacts_give_no_extremes() -> None:
         time=np.arange(5.0), overlap=none, rate=none, acceleration=none, force=none, exponent=np.zeros(0)
     )
     assert (peak.shape, crossing.shape) == ((0,), (0,))
+
+
+def test_a_stiff_law_extrapolates_a_tiny_force_by_a_huge_ratio() -> None:
+    # between two samples of 4e-7 m the quintic rises by 5/16 of the rates' 3.2 m; n = 50, beta = 1e40
+    shallow, power = 4e-7, 49.0
+    force = math.exp(power * math.log(shallow) + 40.0 * math.log(10.0))
+    peak, crossing = extremes(
+        time=np.array([0.0, 1.0]), overlap=np.full((2, 1), shallow), rate=np.array([[3.2], [-3.2]]),
+        acceleration=np.zeros((2, 1)), force=np.full((2, 1), force), exponent=np.array([power + 1.0]),
+    )  # fmt: skip
+    assert crossing[0] == pytest.approx(0.5)
+    # 49 times the last digits of the ratio's logarithm
+    assert peak[0] == pytest.approx(1e40 * (1.0 + shallow) ** power, rel=1e-11)

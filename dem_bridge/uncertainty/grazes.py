@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.steps import Dense, approach_of
+from dem_bridge.backends.steps import Dense, approach_of, touching_in_flight
 from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Approaches, Schedule, approaches
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Floats, Trajectory
@@ -58,7 +58,8 @@ def widen_for_grazes(
     deepest, at = deepest[near], turns.contact[near]
     widened["crossing_time"] = np.array(np.broadcast_to(widened["crossing_time"], c.left.shape))
     widened["crossing_time"][at[~(turns.time[near] > run.crossing_time[at])]] = math.inf  # nan: it never crosses
-    force = c.force(deepest, at)
+    with np.errstate(over="ignore"):  # of a stiff law it may be infinite, and is then unknown
+        force = c.force(deepest, at)
     widened["peak_force"] = np.array(np.broadcast_to(widened["peak_force"], c.left.shape))
     np.maximum.at(widened["peak_force"], at, force)
     inverse_mass = np.append(1.0 / np.array(scene.mass), 0.0)
@@ -88,12 +89,15 @@ def open_turns(scene: Scene, plan: Schedule, dense: Dense) -> Approaches:
 def unresolved_contacts(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> NDArray[np.bool_]:
     """Return the contacts, ``(n_contact,)``, whose first compression is too brief for the step.
 
-    With n < 2 a contact is the stiffer the smaller its overlap, so that no step is small enough for the first motions
-    ahead of a front.
+    They have been closed and part, but no maximum of their compression is seen between samples. With n < 2 a contact
+    is the stiffer the smaller its overlap, so that no step is small enough for the first motions ahead of a front.
     """
     c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
     crossed = np.flatnonzero(np.isfinite(run.crossing_time) & (c.exponent < 2.0))
-    unresolved = np.zeros(scene.n_contact, dtype=bool)
+    rate = dense.velocity[:, c.left] - dense.velocity[:, c.right]
+    flight = touching_in_flight(max(dense.farthest, float(np.max(np.abs(dense.displacement)))))
+    parting = np.any((dense.overlap > flight) & (rate <= 0.0), axis=0)
+    unresolved: NDArray[np.bool_] = parting & (c.gap >= 0.0) & np.isnan(run.crossing_time)
     if scene.law is None and len(crossed):
         after = np.searchsorted(plan.dense_steps * plan.step, run.crossing_time[crossed])
         after = np.clip(after, 1, len(plan.dense_steps) - 1)

@@ -10,10 +10,13 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.dense import Approaches
+from dem_bridge.backends.steps import Dense
+from dem_bridge.dense import Approaches, Schedule
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.uncertainty.fixed_step import fixed_step_uncertainty
+from dem_bridge.uncertainty.grazes import unresolved_contacts
 from dem_bridge.uncertainty.twins import twin_family
+from tests.helpers.fake_runs import free_flight
 
 G, UP = -1e3, 0.75
 HEIGHT = UP**2 / (2.0 * -G)
@@ -74,3 +77,23 @@ def test_below_n_2_the_first_motions_ahead_of_a_front_are_too_brief_for_any_step
     assert np.all(error <= allowed)
     # where the front has been they are known
     assert np.all(np.isfinite(run.uncertainty["crossing_time"][:6]))
+
+
+@pytest.mark.parametrize(
+    ("overlap", "rate", "gap", "unresolved"),
+    [(1e-3, -1.0, 0.0, True), (1e-3, 1.0, 0.0, False), (1e-19, -1.0, 0.0, False), (1e-3, -1.0, -1e-3, False)],
+    ids=["closed and parting", "still closing", "in flight, in touch", "compressed at the start"],
+)
+def test_a_contact_that_parts_without_a_maximum_of_its_compression_is_unresolved(
+    overlap: float, rate: float, gap: float, unresolved: bool
+) -> None:
+    scene = Scene(name="pair", duration=2.0, mass=(1.0, 1.0), stiffness=(1.0,), velocity=(1.0, 0.0), gap=gap, samples=2)
+    plan = Schedule(step=1.0, per_sample=1, subdivisions=1, samples=2)
+    velocity = np.array([[1.0, 0.0, 0.0], [1.0, 1.0 - rate, 0.0], [0.0, 1.0, 0.0]])
+    still, overlaps = np.zeros((3, 3)), np.array([[-1.0], [overlap], [-1.0]])
+    moved = still + np.array([0.0, 1.0, 0.0])
+    dense = Dense(velocity, moved, still, overlaps, np.zeros((3, 1)))
+    run = free_flight(bodies=2, contacts=1, crossing_time=[math.nan])
+    assert unresolved_contacts(scene, plan, dense, run).tolist() == [unresolved]
+    crossed = replace(run, crossing_time=np.array([0.5]))
+    assert unresolved_contacts(scene, plan, dense, crossed).tolist() == [False]

@@ -1,0 +1,43 @@
+"""Random scenes with every feature: no truth in extended precision lies outside of what the references state."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dem_bridge as db
+from tests.helpers.many_scenes import QUANTITIES, many
+from tests.uncertainty.measure_bars import ALLOWED, OTHERS, REFERENCES, enough, summary, try_backend
+
+#: linear chains in touch, whose references were wrong together by up to 1.4 uncertainties (of crossings and of peaks)
+LINEAR = ("many-28", "many-58")
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_the_first_motions_of_a_linear_chain_are_felt(name: str) -> None:
+    pairs = [(scene, truth) for scene, truth in many() if scene.name == name]
+    [trial] = try_backend("reference", pairs)
+    assert max(trial.ratio.values()) <= 1.0
+
+
+def test_a_finite_uncertainty_of_what_does_not_exist_is_outside() -> None:
+    scene, truth = next(pair for pair in many() if not np.isnan(pair[1].values["crossing_time"]).any())
+    run = db.solve(scene, backend="verlet")
+    for quantity in QUANTITIES:
+        assert truth.outside(run, quantity) <= 1.0
+        narrow: Any = 1e-12 * np.asarray(run.uncertainty[quantity])
+        assert truth.outside(replace(run, uncertainty=replace(run.uncertainty, **{quantity: narrow})), quantity) > 1.0
+    lost = replace(run, crossing_time=np.full(scene.n_contact, np.nan))
+    assert truth.outside(lost, "crossing_time") == np.inf
+    unknown = replace(lost, uncertainty=replace(run.uncertainty, crossing_time=np.full(scene.n_contact, np.inf)))
+    assert truth.outside(unknown, "crossing_time") == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*REFERENCES, *OTHERS])
+def test_the_uncertainties_hold_on_all_scenes(name: str) -> None:
+    trials = try_backend(name, many())
+    assert enough(trials, 0.0 if name in REFERENCES else ALLOWED), summary(trials)
