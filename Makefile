@@ -41,6 +41,7 @@ bench: $(STAMP)
 	$(BIN)/python -m tests.bench.bench_horizon
 	$(BIN)/python -m tests.bench.bench_plan
 	$(BIN)/python -m tests.bench.bench_ensembles
+	$(BIN)/python -m tests.bench.bench_scale
 	$(BIN)/python -m tests.bench.bench_campaign
 
 # docs/peers.md: one chain in other codes, judged; their packages are in an environment of their own

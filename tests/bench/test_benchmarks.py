@@ -23,6 +23,7 @@ LAST_LINES = {
     "bench_lammps": r"drag, LAMMPS - twin; order .*\d\.\de-\d\d; -?\d",
     "bench_paper": r"verify tiny: \d+\.\d s, again \d+\.\d s",
     "bench_plan": r"lammps-granular .*0\.01 ",
+    "bench_scale": r"16 chains on 2 processes: \d",
 }
 #: its exit code says whether numbers are as they must be, also on the tiny case (others judge times or many scenes)
 EXACT = "bench_horizon"
@@ -34,7 +35,7 @@ def test_make_bench_runs_every_benchmark() -> None:
 
 
 #: the benchmarks that take 2 to 10 s of CPU on their tiny case; `make test-all` starts these too
-DEEP = ("bench_backends", "bench_campaign", "bench_horizon", "bench_lammps", "bench_paper", "bench_plan")
+DEEP = ("bench_backends", "bench_campaign", "bench_horizon", "bench_lammps", "bench_paper", "bench_plan", "bench_scale")
 
 
 @pytest.mark.lammps

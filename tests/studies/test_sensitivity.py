@@ -21,5 +21,8 @@ def test_the_study_names_what_matters_and_the_tolerance() -> None:
     # for small errors the deviation is proportional to the spread
     allowed = float(sentences.split("kept to a standard deviation of ")[1].split()[0])
     assert allowed == pytest.approx(0.01 * spreads[-1] / deviations[-1], rel=0.05)
+    confirmed = float(sentences.split("other chains with that spread have ")[1].split()[0])
+    # 512 chains: the standard error of a deviation is 3 %; four of them
+    assert confirmed == pytest.approx(1.0, rel=0.12)
     with pytest.raises(UsageError, match="vary = 'colour'; allowed: angle"):
         db.study("sensitivity", THREE, vary="colour")
