@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import dem_bridge as db
 from dem_bridge.judging.cause import CAUSES, PRIORITY, diagnose
 from dem_bridge.judging.fitting import Stepping
+from dem_bridge.judging.judgement import judge_records
 from dem_bridge.judging.kernels import RK4, VERLET
 from dem_bridge.judging.model import Model, system_of
 from dem_bridge.judging.search import Search
 from dem_bridge.readers.record import Record
 from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene_file import parse_scene
 
 SCENE = Scene(
     name="five",
@@ -86,8 +90,6 @@ STIFFNESS = (*SCENE.stiffness, 4e9)
 
 
 def test_the_model_is_the_twin_at_each_step_and_the_reference_without() -> None:
-    import dem_bridge as db
-
     for scene in (SCENE, Scene(**{**FIELDS, "damping": Damping(law="dashpot", coefficient=5.0)})):
         model, time = Model(scene), np.linspace(0.0, scene.duration, 51)
         backend = "reference" if scene.damping is None else "scipy"
@@ -216,3 +218,32 @@ def test_a_method_of_another_step_does_not_explain() -> None:
     ]
     assert residuals[0] < 1.2
     assert residuals[1] > 50.0
+
+
+@pytest.mark.parametrize(
+    ("factor", "cause"),
+    [
+        (1.0 - 0.2**2, "modulus"),  # E in place of E/(1 - nu^2)
+        (math.sqrt(1.0 / 0.01), "missing-sqrt-radius"),  # the effective radius, 10 mm
+        (1.3, "stiffness-scale"),
+    ],
+)
+def test_a_factor_on_the_stiffness_has_the_name_of_what_makes_it(factor: float, cause: str) -> None:
+    text = """
+name = "glass-pair"
+[impact]
+radius = [0.02, 0.02]
+youngs_modulus = 48e9
+poissons_ratio = 0.20
+density = 2800.0
+speed = 2.0
+[sampling]
+count = 60
+"""
+    scene = parse_scene(text)
+    wrong = replace(scene, stiffness=tuple(factor * beta for beta in scene.stiffness), geometry=None)
+    run = db.solve(wrong, backend="reference", uncertainty=False)
+    nothing = {"time": np.zeros(61), "velocity": np.full((61, 2), 1e-15)}
+    columns = {"velocity": (0, 1)}
+    record = Record(name="f", time=run.time, values={"velocity": run.velocity}, columns=columns, rounding=nothing)
+    assert judge_records(scene, [record]).cause == cause

@@ -1,0 +1,53 @@
+"""A deck that is judged: samples of the dump that is added, words on differences, comparison with the twin."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dem_bridge.judging import deck, limits
+from dem_bridge.scene import Scene
+
+SCENE = Scene(name="p", duration=1e-3, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(1.0, 0.0), samples=50)
+
+
+@pytest.mark.parametrize(
+    ("dt", "steps", "every"),
+    [
+        (1e-6, 7777, 20),  # 1 ms / 50 samples = 20 us, whatever the deck runs
+        (1e-3, 7777, 1),  # a step longer than a sample: every step
+        (None, 7777, 155),  # no step is known: 50 frames of what the deck runs
+        (None, 10, 1),
+    ],
+)
+def test_frames_of_the_added_dump_are_those_of_the_scene(dt: float | None, steps: int, every: int) -> None:
+    stated: Any = SimpleNamespace(dt=dt, state=SimpleNamespace(steps=steps))
+    assert deck._every(stated, SCENE) == every
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "words"),
+    [
+        ((0.0, 0.0), (0.0, 2.0), "2 at 1; the scene has 0"),  # one of them is all 0
+        ((0.0, 2.0), (0.0, 0.0), "0 at 1; the scene has 2"),
+        ((1.0, 1.0), (1.0, 1.0 + 1e-15), ""),  # the last digit
+        ((0.0,), (0.0,), ""),
+        ((1.0,), (1.0, 1.0), "2 numbers; the scene has 1"),
+        (3.0, 4.0, "4; the scene has 3"),
+    ],
+)
+def test_what_differs_between_a_deck_and_the_scene_is_said(ours: object, theirs: object, words: str) -> None:
+    assert deck._difference(ours, theirs) == words
+
+
+def test_a_file_is_compared_with_the_twin_at_equal_times_alone() -> None:
+    twin = np.zeros((SCENE.samples + 1, 2))
+    times = np.linspace(0.0, SCENE.duration, SCENE.samples + 1)
+    for shift, difference in ((0.0, 0.25), (1e-7, math.nan)):  # s; a hundredth of a sample is another time
+        part = SimpleNamespace(error=np.full((SCENE.samples, 1), 0.25), columns=(1,))
+        file: Any = SimpleNamespace(quantities={"velocity": part}, record=SimpleNamespace(time=times[1:] + shift))
+        assert limits._difference_from_twin(SCENE, file, twin) == pytest.approx(difference, nan_ok=True)
