@@ -53,6 +53,8 @@ def test_the_workflow_runs_what_developers_run_on_every_python_that_is_promised(
     # a version, never a branch that moves
     for action in re.findall(r"uses: (\S+)", WORKFLOW):
         assert re.fullmatch(r"actions/[a-z-]+@v\d+\.\d+\.\d+", action)
+    measured = set(re.findall(r"^\| (3\.\d+)\.\d+ \|", quality.PAGE.read_text(encoding="utf-8"), re.MULTILINE))
+    assert set(promised) <= measured
 
 
 def test_the_container_has_all_files_that_a_build_needs() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -36,6 +37,7 @@ def test_frames_of_the_added_dump_are_those_of_the_scene(dt: float | None, steps
         ((0.0, 2.0), (0.0, 0.0), "0 at 1; the scene has 2"),
         ((1.0, 1.0), (1.0, 1.0 + 1e-15), ""),  # the last digit
         ((0.0,), (0.0,), ""),
+        ((1e-6,), (1.001e-6,), "1.001e-06; the scene has 1e-06"),  # small numbers, too, differ relative to their size
         ((1.0,), (1.0, 1.0), "2 numbers; the scene has 1"),
         (3.0, 4.0, "4; the scene has 3"),
     ],
@@ -51,3 +53,15 @@ def test_a_file_is_compared_with_the_twin_at_equal_times_alone() -> None:
         part = SimpleNamespace(error=np.full((SCENE.samples, 1), 0.25), columns=(1,))
         file: Any = SimpleNamespace(quantities={"velocity": part}, record=SimpleNamespace(time=times[1:] + shift))
         assert limits._difference_from_twin(SCENE, file, twin) == pytest.approx(difference, nan_ok=True)
+
+
+def test_a_deck_is_told_from_a_dump_and_from_binary_files(tmp_path: Path) -> None:
+    script = "units si\natom_style sphere\npair_style granular\nrun 10\n"
+    for text, is_deck in (
+        (script, True),
+        (f"ITEM: TIMESTEP\n{script}", False),
+        (f"{script}\0", False),
+        ("1,2\n", False),
+    ):
+        (tmp_path / "file").write_text(text)
+        assert deck.is_deck(tmp_path / "file") is is_deck
