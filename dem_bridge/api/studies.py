@@ -96,9 +96,10 @@ def study(
         raise UsageError(f"study {name!r} has scenes of its own, and {scene!r} was given; leave the scene out")
     lammps = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
     options = dict(settings)
+    where = jobs_of(jobs, executor)
     if executor is not None and "executor" in parameters:
         options["executor"] = executor
-    elif (where := jobs_of(jobs, executor)) is not None:
+    if where is not None and ("jobs" in parameters or "executor" not in options):
         options["jobs"] = where
     if "engine" in parameters or lammps is not None:
         options["engine"] = lammps or Engine.chosen()

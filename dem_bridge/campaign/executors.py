@@ -85,7 +85,7 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor, state: Campaign) 
                     yield from work.done(task, outcome)
             if away and time.monotonic() - since > (patience := _patience(away.values())):
                 for task in [task for future in list(away) for task in away.pop(future)]:
-                    yield task, broken(task, f"{task.case.label}: nothing came back within {patience:g} s", "")
+                    yield task, broken(f"{task.case.label}: nothing came back within {patience:g} s", "")
     finally:
         for future in away:
             future.cancel()

@@ -74,7 +74,7 @@ def _died(work: Work, process: _Process) -> Iterator[tuple[Task, Outcome]]:
     if others:
         work.pending.appendleft(others)
     if process.overdue is not None:
-        yield task, broken(task, f"{task.case.label}: it did not end within {process.overdue:g} s", process.end)
+        yield task, broken(f"{task.case.label}: it did not end within {process.overdue:g} s", process.end)
     else:
         yield from work.lost([task], process.end)
 

@@ -13,6 +13,9 @@ from dem_bridge.runs.case import Case
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.estimate import solve
 
+#: reasons why a case has no trajectory
+Failure = UnsupportedScene | BackendUnavailable | RunBroken | UsageError
+
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
@@ -20,7 +23,7 @@ class Result:
 
     case: Case
     trajectory: Trajectory | None = None
-    failure: UnsupportedScene | BackendUnavailable | RunBroken | UsageError | None = None
+    failure: Failure | None = None
     key: str | None = None
     """What decides the result: the key of the run in the store, and the failure; None: nothing that could be told."""
 

@@ -139,8 +139,7 @@ def run_cases(
             del remaining[task.name]
             if outcome.error is not None:
                 raise outcome.error
-            assert outcome.result is not None
-            result = replace(outcome.result, case=task.case)
+            result = Result(case=task.case, trajectory=outcome.trajectory, failure=outcome.failure)
             if outcome.cache is not None:
                 cache.adopt(outcome.cache)
                 if outcome.kept and result.trajectory is not None:
@@ -249,7 +248,7 @@ def _outcomes(
         say(label, 0.0)
         state.update(running=(label,))
         with listening(partial(_within, say, label, task.case.expected)):
-            stored = with_run(task, Outcome(result=Result(case=task.case), kept=True)) if is_stored(task) else None
+            stored = with_run(task, Outcome(kept=True)) if is_stored(task) else None
             outcome = stored or perform_task(replace(task, folder=None))
         yield task, outcome
 

@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from dem_bridge.campaign.results import Crashed, Result, run_case
+from dem_bridge.campaign.results import Crashed, Failure, run_case
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
+from dem_bridge.trajectory import Trajectory
 from dem_bridge.version import __version__
 
 #: s of expected work that travel together
@@ -61,13 +62,14 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a worker made of a task."""
+    """What a worker made of a task. The case does not travel back."""
 
-    result: Result | None = None
+    trajectory: Trajectory | None = None
+    failure: Failure | None = None
     error: Exception | None = None
     """What the campaign stops with, in place of a result."""
     kept: bool = False
-    """The run is in the store, and not in the result."""
+    """The run is in the store, and not here."""
     cache: RunCache | None = None
     """Runs and families that others need."""
     trouble: str = ""
@@ -92,7 +94,7 @@ def perform(packed: bytes) -> Outcome:
 def perform_task(task: Task) -> Outcome:
     """Solve the case of a task; never raises. A run that another campaign has stored meanwhile is not made again."""
     if is_stored(task):
-        return Outcome(result=Result(case=task.case), kept=True)
+        return Outcome(kept=True)
     cache = RunCache()
     try:
         result = run_case(task.case, everything=task.everything, cache=cache)
@@ -102,12 +104,12 @@ def perform_task(task: Task) -> Outcome:
     # the key again, for an engine may have become another meanwhile, and another machine has other keys
     run, key = result.trajectory, task.case.key if task.folder is not None and task.key is not None else None
     if run is None or task.folder is None or key is None or key != task.key:
-        return Outcome(result=result, cache=shared)
+        return Outcome(trajectory=run, failure=result.failure, cache=shared)
     store = _store(task.folder, task.limit)
     if not store.save(key, run):
-        return Outcome(result=result, cache=shared, trouble=store.trouble)
+        return Outcome(trajectory=run, cache=shared, trouble=store.trouble)
     cache.runs.pop(replace(task.case, uncertainty=False), None)
-    return Outcome(result=replace(result, trajectory=None), kept=True, cache=shared, trouble=store.trouble)
+    return Outcome(kept=True, cache=shared, trouble=store.trouble)
 
 
 def perform_all(chunk: Sequence[bytes], number: str) -> list[Outcome]:
@@ -127,7 +129,7 @@ def is_stored(task: Task) -> bool:
 
 def with_run(task: Task, outcome: Outcome) -> Outcome | None:
     """Return an outcome with its run, read from the store; None: the run is not there."""
-    if not outcome.kept or outcome.result is None:
+    if not outcome.kept:
         return outcome
     assert task.folder is not None
     assert task.key is not None
@@ -135,7 +137,7 @@ def with_run(task: Task, outcome: Outcome) -> Outcome | None:
     if run is None:
         return None
     provenance = {name: value for name, value in run.provenance.items() if name != "stored"}  # it was made just now
-    return replace(outcome, result=replace(outcome.result, trajectory=replace(run, provenance=provenance)))
+    return replace(outcome, trajectory=replace(run, provenance=provenance))
 
 
 @cache
@@ -168,7 +170,7 @@ class Work:
             before = self._deaths.get(task.name)
             if before is not None or not again:
                 log = how if before is None else f"{before}\n{how}"
-                yield task, broken(task, f"{task.case.label}: its process died twice", log)
+                yield task, broken(f"{task.case.label}: its process died twice", log)
             else:
                 self._deaths[task.name] = how
                 self.pending.appendleft([task])
@@ -182,9 +184,9 @@ class Work:
             yield task, complete
 
 
-def broken(task: Task, message: str, log: str) -> Outcome:
+def broken(message: str, log: str) -> Outcome:
     """Return the outcome of a case whose worker did not survive it."""
-    return Outcome(result=Result(case=task.case, failure=Crashed(message, log=log)))
+    return Outcome(failure=Crashed(message, log=log))
 
 
 def _chunks(tasks: Sequence[Task], workers: int) -> Iterator[list[Task]]:

@@ -117,7 +117,7 @@ def test_runs_go_through_the_store_where_there_is_one(
     results = run_cases(mixed_cases(), jobs=ThreadPoolExecutor(2), store=Store(tmp_path), everything=True)
     assert _text(results) == expected
     assert len(travelled) > 10
-    assert all(outcome.result.trajectory is None for outcome in travelled)
+    assert all(outcome.trajectory is None for outcome in travelled)
     assert sum(outcome.kept for outcome in travelled) == len(travelled) - 1  # one is refused
     # each is there under the key of its case
     assert [result.key for result in results if result.trajectory] == [

@@ -81,9 +81,8 @@ def test_a_lost_task_is_done_once_more_alone_and_then_broken() -> None:
     work.pending.clear()
     [(task, outcome)] = work.lost(tasks[:1], "the second end")
     assert task == tasks[0]
-    assert outcome.result is not None
-    assert isinstance(outcome.result.failure, Crashed)
-    assert outcome.result.failure.log == "the first end\nthe second end"
+    assert isinstance(outcome.failure, Crashed)
+    assert outcome.failure.log == "the first end\nthe second end"
     assert not work.pending
 
 
