@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dem_bridge.errors import SceneError, UsageError
+from dem_bridge.errors import OF_DAMAGED_DATA, DemBridgeError, SceneError, UsageError
 from dem_bridge.files import text_of_file
 from dem_bridge.scene import Scene
 
@@ -171,7 +171,13 @@ def deck_read(path: Path, *, files_below: str | Path | None = None, **settings: 
     text = _text(path, kind)
     if text.strip() and not is_script(text):
         raise SceneError("", problem="no line of the file is a command of LAMMPS", allowed=kind, where=str(path))
-    return read_deck(text, file=path.name, opened=files_of(path.parent, files_below), **settings)
+    try:
+        return read_deck(text, file=path.name, opened=files_of(path.parent, files_below), **settings)
+    except DemBridgeError:
+        raise
+    except OF_DAMAGED_DATA as error:
+        problem = f"the script cannot be evaluated ({type(error).__name__})"
+        raise SceneError("", problem=problem, allowed=kind, where=str(path)) from error
 
 
 def _text(path: Path, allowed: str) -> str:

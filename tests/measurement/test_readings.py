@@ -76,7 +76,7 @@ def test_forces_arrivals_and_peaks_are_quantities_of_their_own(tmp_path: Path) -
         ("time_s,body,uncertainty_m\n0,1,0.1\n", "the file has no measured quantity; allowed: velocity"),
         ("time_s,body,velocity_m_per_s,displacement_m,uncertainty_m\n0,1,1,1,1\n", "does not say of which quantity"),
         ("time_s,body,velocity_m_per_s,uncertainty_m_per_s\n", "the file has no values"),
-        ("\0\n\0\n", "column '\\x00' is unknown"),
+        ("\0\n\0\n", "cannot be read (it is not a text file in UTF-8)"),
     ],
 )
 def test_what_is_no_measurement_is_refused_in_one_line_that_names_the_file(
