@@ -76,6 +76,7 @@ def test_a_campaign_that_is_killed_beside_another_harms_it_not(survival: Surviva
     other = survival.begin()  # a run of the other cannot begin either while one waits to be killed
     for ended in kills:
         survival.begin_and_kill(ended=ended, whole=True)
+    survival.halt()
     end = survival.finish(other)
     assert (end["runs"], end["trouble"]) == (survival.cases, "")
     assert _complete(survival)["digest"] == end["digest"] == _undisturbed(survival)
