@@ -18,7 +18,7 @@ from typing import Any
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import run_cases
-from dem_bridge.campaign.executors import workers_of
+from dem_bridge.campaign.executors import run_by_executor, workers_of
 from dem_bridge.campaign.pool import run_in_processes
 from dem_bridge.campaign.tasks import Task
 from dem_bridge.cluster import connected
@@ -57,8 +57,9 @@ def _by_dask(cases: Sequence[Case], workers: int) -> float:
     ):
         happens(lambda: workers_of(executor) == workers)
         run_cases(_twins(2 * workers, TINY[1]), jobs=executor)  # modules are imported, kernels loaded
-        began = time.perf_counter()
-        run_cases(cases, jobs=executor)
+        tasks = [Task(name=str(nth), case=case) for nth, case in enumerate(cases)]
+        began, state = time.perf_counter(), Campaign(total=len(tasks), done=0)
+        assert len(list(run_by_executor(tasks, executor, state))) == len(tasks)
         return (time.perf_counter() - began) / len(cases)
 
 
