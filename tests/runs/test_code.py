@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import shutil
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import dem_bridge as db
 from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.runs import code
 from dem_bridge.runs.code import NOT_IN_RUNS, NOT_IN_STUDIES, PACKAGE, code_of_all, code_of_run, code_of_studies
@@ -128,11 +130,9 @@ def test_the_parts_that_are_left_out_exist() -> None:
 
 
 RUN = """
-import sys
-import dem_bridge as db
+import pickle, sys
 from dem_bridge.backends.base import backend, Resolution, Sampling
-name = sys.argv[1]
-scene = db.load_scene("dimer-1-1")
+name, scene = sys.argv[1], pickle.loads(bytes.fromhex(sys.argv[2]))  # the reader of scene files is not imported here
 backend(name).run(scene, Resolution(), Sampling(count=1))
 print(*sorted(name for name in sys.modules if name.startswith("dem_bridge.")))
 """
@@ -142,7 +142,8 @@ print(*sorted(name for name in sys.modules if name.startswith("dem_bridge.")))
 @pytest.mark.lammps
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_what_a_process_imports_for_a_run_is_in_the_key(backend: str) -> None:
-    done = subprocess.run([sys.executable, "-c", RUN, backend], capture_output=True, text=True, check=True)
+    words = [sys.executable, "-c", RUN, backend, pickle.dumps(db.load_scene("dimer-1-1")).hex()]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
     names = [name for name in done.stdout.split() if name.split(".")[1] not in NOT_IN_RUNS]
     files = {MODULES[name].relative_to(PACKAGE).as_posix() for name in names}
     assert "scene.py" in files
