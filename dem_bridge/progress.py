@@ -103,7 +103,7 @@ def campaign(total: int, done: int) -> Iterator[Campaign]:
     >>> with watching(lambda state: seen.append(state.done)), campaign(3, 1) as state:
     ...     state.update(done=1, running=("pair: verlet",))
     >>> seen
-    [1, 2]
+    [1, 2, 2]
     """
     state = Campaign(total=total, done=done)
     _campaigns.append(state)

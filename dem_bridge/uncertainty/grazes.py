@@ -95,7 +95,8 @@ def unresolved_contacts(scene: Scene, plan: Schedule, dense: Dense, run: Traject
     c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
     crossed = np.flatnonzero(np.isfinite(run.crossing_time) & (c.exponent < 2.0))
     rate = dense.velocity[:, c.left] - dense.velocity[:, c.right]
-    flight = touching_in_flight(max(dense.farthest, float(np.max(np.abs(dense.displacement)))))
+    # bodies that fly in touch drift into each other by a rounding a step
+    flight = plan.steps * touching_in_flight(max(dense.farthest, float(np.max(np.abs(dense.displacement)))))
     parting = np.any((dense.overlap > flight) & (rate <= 0.0), axis=0)
     unresolved: NDArray[np.bool_] = parting & (c.gap >= 0.0) & np.isnan(run.crossing_time)
     if scene.law is None and len(crossed):

@@ -6,7 +6,6 @@ import multiprocessing
 import os
 import signal
 import threading
-import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -23,7 +22,7 @@ from dem_bridge.campaign.tasks import Task
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.runs.store import Store
 from tests.helpers.campaign_cases import die_once, mixed_cases, short_case, text_of, wait_for, with_action
-from tests.helpers.processes import happens
+from tests.helpers.processes import happens, stays_asleep
 
 
 class Backwards(Executor):
@@ -205,21 +204,17 @@ def _interrupted_asleep(
     interrupts the system call. ``release``: what is made a second after the signal.
     """
     honest, sleeps = module.wait, threading.Event()
-    main = Path(f"/proc/self/task/{threading.get_native_id()}/stat")
+    main = threading.get_native_id()
 
     def wait(*arguments: Any, **keywords: Any) -> Any:
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         sleeps.set()
         return honest(*arguments, **keywords)
 
-    def is_asleep() -> bool:
-        time.sleep(0.01)
-        return main.read_text().rpartition(")")[2].split()[0] == "S"
-
     def interrupt() -> None:
         assert happens(started.exists)
         assert sleeps.wait()
-        assert happens(lambda: all(is_asleep() for _ in range(5)))
+        assert happens(lambda: stays_asleep(main))
         os.kill(os.getpid(), signal.SIGINT)
         if release is not None:
             threading.Timer(1.0, release.touch).start()

@@ -43,6 +43,16 @@ def _runs(pid: int) -> bool:
         return False
 
 
+def stays_asleep(thread: int) -> bool:
+    """Return whether a thread of this process sleeps five times in a row, as one that waits does."""
+    path = Path(f"/proc/self/task/{thread}/stat")
+    for _ in range(5):
+        time.sleep(0.01)
+        if path.read_text().rpartition(")")[2].split()[0] != "S":
+            return False
+    return True
+
+
 class EventClock:
     """Take the place of the module ``time`` in ``lmp.process``: any time limit is over when ``event()`` is true.
 

@@ -73,11 +73,11 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
 #: parameter -> its options on the command line, where these have other names
 SHARED = {
     "engine": {"lmp", "lmp_args", "python", "ranks"},
-    "jobs": {"jobs"},
+    "jobs": {"jobs", "executor"},
     "store": {"recompute"},
     "progress": set(),
     "measurement": set(),
-    "executor": set(),
+    "executor": {"executor"},
 }
 #: annotation -> type of the option, whether it can be repeated, whether it is a flag
 KINDS = {
@@ -100,7 +100,7 @@ def test_options_are_the_parameters_of_the_signature_and_each_is_documented(name
     assert description.split("\n")[0] == catalogue.STUDIES[name].summary
     command = group.commands[name]
     command.get_params(click.Context(command))
-    options = {one.name for one in command.params} - {"folder", "as_json"}
+    options = {one.name for one in command.params} - {"folder", "as_json", "json_progress"}
     assert options == {option for key in parameters for option in SHARED.get(key, {key})}
     for option in command.params:
         parameter = parameters.get(str(option.name))
