@@ -26,6 +26,8 @@ ENOUGH = 1.2
 RESOLVED = 12.0
 #: part of a difference that the best step leaves of noise, at least
 UNEXPLAINED = 0.3
+#: parts of the samples that lead a fit to parameters on which late samples depend strongly
+LEADING = (0.1, 0.2, 0.4, 0.6, 0.8)
 #: steps that are tried in a row, each found from the error at the one before
 ROUNDS = 10
 
@@ -114,6 +116,19 @@ class Decision:
     def _improved(self, hypothesis: Hypothesis, p: Floats, stepping: Stepping) -> Fit:
         """Return the best fit by a method of fixed step, whose derivatives are those of the exact motion."""
         derivative = self._derivative(hypothesis, p)
+        best = self._linear_steps(hypothesis, p, stepping, derivative)
+        if best.rms < ENOUGH or not hypothesis.size:
+            return best
+        # late collisions may depend on the parameters too strongly for a linear step: the first samples lead to them
+        for part in LEADING:
+            residual = self._residual(hypothesis, p, stepping)
+            rows = self._row_of_each < part * self.rows
+            p = np.clip(p + least(derivative[rows], -residual[rows]), *hypothesis.bounds)
+        led = self._linear_steps(hypothesis, p, stepping, derivative)
+        return led if led.rms < best.rms else best
+
+    def _linear_steps(self, hypothesis: Hypothesis, p: Floats, stepping: Stepping, derivative: Floats) -> Fit:
+        """Return the best of some linear improvements by all samples."""
         best: Fit | None = None
         for _ in range(5 if hypothesis.size else 1):
             residual = self._residual(hypothesis, p, stepping)
@@ -124,6 +139,12 @@ class Decision:
             p = np.clip(p + least(derivative, -residual), *hypothesis.bounds)
         assert best is not None
         return best
+
+    @property
+    def _row_of_each(self) -> NDArray[np.int64]:
+        """The sample of each residual."""
+        rows = np.arange(self.rows)
+        return np.concatenate([np.repeat(rows, block.values.shape[1]) for block in self.data.blocks])
 
     def _found_step(self, hypothesis: Hypothesis, exact: Fit, method: int) -> Fit:
         """Return the best fit by a method whose step is found from the size of its error.

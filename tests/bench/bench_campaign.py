@@ -30,7 +30,7 @@ from tests.helpers.processes import happens
 
 SCENE = "decelerating-40"
 #: runs of a campaign, the step of the twin and the wait (s) of each, and rounds
-SIZES = (12, 3.5e-10, 1.0, 3)
+SIZES = (12, 1.15e-10, 1.0, 3)
 TINY = (4, 1e-6, 0.01, 1)
 
 
