@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -11,6 +12,8 @@ from typing import Any
 from dem_bridge.errors import UsageError
 from dem_bridge.version import __version__
 
+#: an address ends in a port, or is that of a scheduler in this process
+_ADDRESS = re.compile(r":\d+/?$|^inproc://")
 #: s in which the scheduler answers, and in which a first worker is there
 _ANSWER, _FIRST_WORKER = 10.0, 60.0
 
@@ -44,7 +47,14 @@ def connected(cluster: str) -> Iterator[Executor]:
             f"cluster = {cluster!r}: dask.distributed is missing ({error}); install it with:"
             ' pip install "dem-bridge[cluster]"'
         ) from error
-    place = {"scheduler_file": cluster} if Path(cluster).is_file() else {"address": cluster}
+    is_file = Path(cluster).is_file()
+    # an address that cannot be one takes a client half a minute to refuse
+    if not is_file and not _ADDRESS.search(cluster):
+        raise UsageError(
+            f"cluster = {cluster!r}: there is no such file, and it is no address; allowed: the address of a Dask"
+            " scheduler, such as tcp://host:8786, or the path of its scheduler file"
+        )
+    place = {"scheduler_file": cluster} if is_file else {"address": cluster}
     try:
         # results come from the workers themselves, not through the scheduler
         client = Client(**place, timeout=_ANSWER, direct_to_workers=True, set_as_default=False)

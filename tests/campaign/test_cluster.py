@@ -123,8 +123,10 @@ def test_without_the_extra_or_a_scheduler_the_message_says_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cluster_module, "_ANSWER", 0.5)
-    for address in ("nowhere", "tcp://127.0.0.1:1", str(tmp_path)):
-        with pytest.raises(UsageError, match=r"no scheduler answers .* allowed: the address") as caught:
+    reasons = {"tcp://127.0.0.1:1": "no scheduler answers"}
+    reasons |= dict.fromkeys(("nowhere", "none.json", str(tmp_path)), "there is no such file")
+    for address, reason in reasons.items():
+        with pytest.raises(UsageError, match=f"{reason}.* allowed: the address") as caught:
             connected(address).__enter__()
         assert "\n" not in str(caught.value)
     monkeypatch.setitem(sys.modules, "distributed", None)
