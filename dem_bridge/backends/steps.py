@@ -95,6 +95,11 @@ class Dense(NamedTuple):
     farthest: float = 0.0
     """m: the largest coordinate that the run subtracts from another for its overlaps; 0: none beyond displacements."""
 
+    @property
+    def overlap_in_flight(self) -> float:
+        """Overlap, m, that is no collision, see :func:`touching_in_flight`."""
+        return touching_in_flight(max(self.farthest, float(np.max(np.abs(self.displacement)))))
+
 
 def approach_of(scene: Scene, plan: Schedule, dense: Dense, every: int = 1) -> dict[str, NDArray[Any]]:
     """Return time, overlap, closing rate and closing acceleration of the contacts at one in ``every`` dense samples."""
@@ -121,7 +126,7 @@ def peaks_and_crossings(scene: Scene, plan: Schedule, dense: Dense, every: int =
         exponent=c.exponent,
         resting=resting_acceleration(scene),
         laws=c if scene.law is not None or scene.adhesive else None,
-        resolution=touching_in_flight(max(dense.farthest, float(np.max(np.abs(dense.displacement))))),
+        resolution=dense.overlap_in_flight,
     )
     if scene.damped:
         peak_force = np.where(c.damping > 0.0, damped_peaks(**seen, contacts=c), peak_force)

@@ -17,6 +17,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Progress, Result, run_cases, workers_of
+from dem_bridge.campaign.pool import SLICE
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.result import Ensemble
 from dem_bridge.ensembles.solve import OBSERVABLES, check_solvable, difference, solve_chains, steps_for
@@ -111,7 +112,7 @@ def _blocks(
         if not waiting:
             return
         # in slices, so that Ctrl-C is not lost while nothing ends
-        done, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
+        done, _ = wait(waiting, timeout=SLICE, return_when=FIRST_COMPLETED)
         for future in done:
             nth = waiting.pop(future)
             try:

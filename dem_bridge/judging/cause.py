@@ -95,17 +95,8 @@ NOISY, LARGEST_NOISE = 0.3, 5.0
 #: which of several causes that fit equally well is named; where nothing collides, it is a missed contact
 PRIORITY = (
     *("none", "missed-contact", "units", "order-of-bodies", "sampling-shift", "half-step-velocity"),
-    *(
-        "first-order-integrator",
-        "clip",
-        "tension",
-        "gravity",
-        "missing-sqrt-radius",
-        "modulus",
-        "stiffness-scale",
-        "stiffness",
-    ),
-    *("mass", "exponent", "damping", "time-shift", "time-scale"),
+    *("first-order-integrator", "clip", "tension", "gravity", "missing-sqrt-radius", "modulus", "stiffness-scale"),
+    *("stiffness", "mass", "exponent", "damping", "time-shift", "time-scale"),
 )
 
 

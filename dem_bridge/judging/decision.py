@@ -120,9 +120,12 @@ class Decision:
         if best.rms < ENOUGH or not hypothesis.size:
             return best
         # late collisions may depend on the parameters too strongly for a linear step: the first samples lead to them
+        row_of_each = np.concatenate(
+            [np.repeat(np.arange(self.rows), block.values.shape[1]) for block in self.data.blocks]
+        )
         for part in LEADING:
             residual = self._residual(hypothesis, p, stepping)
-            rows = self._row_of_each < part * self.rows
+            rows = row_of_each < part * self.rows
             p = np.clip(p + least(derivative[rows], -residual[rows]), *hypothesis.bounds)
         led = self._linear_steps(hypothesis, p, stepping, derivative)
         return led if led.rms < best.rms else best
@@ -139,12 +142,6 @@ class Decision:
             p = np.clip(p + least(derivative, -residual), *hypothesis.bounds)
         assert best is not None
         return best
-
-    @property
-    def _row_of_each(self) -> NDArray[np.int64]:
-        """The sample of each residual."""
-        rows = np.arange(self.rows)
-        return np.concatenate([np.repeat(rows, block.values.shape[1]) for block in self.data.blocks])
 
     def _found_step(self, hypothesis: Hypothesis, exact: Fit, method: int) -> Fit:
         """Return the best fit by a method whose step is found from the size of its error.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.steps import Dense, approach_of, touching_in_flight
+from dem_bridge.backends.steps import Dense, approach_of
 from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Approaches, Schedule, approaches
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Floats, Trajectory
@@ -96,7 +96,7 @@ def unresolved_contacts(scene: Scene, plan: Schedule, dense: Dense, run: Traject
     crossed = np.flatnonzero(np.isfinite(run.crossing_time) & (c.exponent < 2.0))
     rate = dense.velocity[:, c.left] - dense.velocity[:, c.right]
     # bodies that fly in touch drift into each other by a rounding a step
-    flight = plan.steps * touching_in_flight(max(dense.farthest, float(np.max(np.abs(dense.displacement)))))
+    flight = plan.steps * dense.overlap_in_flight
     parting = np.any((dense.overlap > flight) & (rate <= 0.0), axis=0)
     unresolved: NDArray[np.bool_] = parting & (c.gap >= 0.0) & np.isnan(run.crossing_time)
     if scene.law is None and len(crossed):
