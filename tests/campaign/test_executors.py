@@ -21,7 +21,7 @@ from dem_bridge.campaign import Crashed, Result, executors, map_in_threads, pool
 from dem_bridge.campaign.tasks import Task
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.runs.store import Store
-from tests.helpers.campaign_cases import die_once, mixed_cases, short_case, text_of, wait_for, with_action
+from tests.helpers.campaign_cases import SHORT, die_once, mixed_cases, short_case, text_of, wait_for, with_action
 from tests.helpers.processes import happens, stays_asleep
 
 
@@ -166,7 +166,7 @@ def test_an_executor_that_takes_nothing_or_drops_all_is_one_line() -> None:
 
 def test_blocks_of_an_ensemble_whose_worker_is_gone_are_solved_here() -> None:
     expected, lost = (
-        db.ensemble("decelerating-40", {"angle": 0.5}, n=8, checks=0, executor=executor)
+        db.ensemble(SHORT, {"mass": 0.1}, n=8, checks=0, executor=executor)
         for executor in (ThreadPoolExecutor(1), Lost())
     )
     assert expected.table.equals(lost.table)
