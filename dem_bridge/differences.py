@@ -272,15 +272,15 @@ def interpolated(
     return first, second, errors, (note,)
 
 
-def _between(time: Floats, values: Floats, slopes: Floats | None, wanted: Floats) -> Floats:
+def _between(time: Floats, values: Floats, slopes: Floats | None, at: Floats) -> Floats:
     """Return values at other times, by slopes that are known or those of a cubic spline; nan where there are nans."""
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
     if len(time) < 2 or not np.all(np.isfinite(values)):
-        return np.full((len(wanted), values.shape[1]), math.nan)
+        return np.full((len(at), values.shape[1]), math.nan)
     if slopes is not None and np.all(np.isfinite(slopes)):
-        return np.asarray(CubicHermiteSpline(time, values, slopes)(wanted))
-    return np.asarray(CubicSpline(time, values)(wanted))
+        return np.asarray(CubicHermiteSpline(time, values, slopes)(at))
+    return np.asarray(CubicSpline(time, values)(at))
 
 
 def _rows(run: Trajectory, rows: NDArray[np.intp], time: Floats) -> Trajectory:

@@ -36,7 +36,7 @@ class Variable(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """What a netCDF file contains."""
+    """Hold attributes and variables of a netCDF file."""
 
     attributes: Attributes
     variables: list[Variable]
@@ -86,9 +86,9 @@ def contents_of_netcdf4(path: Path, only_attributes: bool) -> tuple[Attributes, 
         if len(file) > _MOST_VARIABLES:
             raise UsageError(f"the file has {len(file)} variables; allowed: {_MOST_VARIABLES}")
         datasets = {name: file[name] for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)}
-        found = [(name, dataset) for name, dataset in datasets.items() if _is_array(dataset, h5py.Dataset)]
-        _check_sizes((name, dataset.shape, dataset.dtype) for name, dataset in found)
-        return attributes, [_variable(name, dataset, _dims(name, dataset), dataset.attrs) for name, dataset in found]
+        arrays = [(name, dataset) for name, dataset in datasets.items() if _is_array(dataset, h5py.Dataset)]
+        _check_sizes((name, dataset.shape, dataset.dtype) for name, dataset in arrays)
+        return attributes, [_variable(name, dataset, _dims(name, dataset), dataset.attrs) for name, dataset in arrays]
 
 
 def _is_array(dataset: Any, kind: type) -> bool:

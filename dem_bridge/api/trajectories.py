@@ -132,8 +132,8 @@ def read_trajectory(
 
     path = Path(path)
     chosen = format_of(path, format) if format is not None else SUFFIXES.get(path.suffix.lower(), "by content")
-    own = own_netcdf(path)
-    if own or format == "nc" or (chosen == "nc" and (own is None or scene is None)):
+    is_own = own_netcdf(path)
+    if is_own or format == "nc" or (chosen == "nc" and (is_own is None or scene is None)):
         if units is not None or dt is not None:
             raise UsageError(
                 f"{path}: units and dt do not apply to netCDF, which has SI units and times; leave them out"

@@ -1,4 +1,4 @@
-"""What travels between a campaign and the processes that work for it: tasks there, outcomes back.
+"""Define what travels between a campaign and the processes that work for it: tasks there, outcomes back.
 
 A task is pickled to bytes, so that every executor can carry it. Where there is a store, the worker itself writes the
 run into it; then only the key travels back, not the arrays.
@@ -62,7 +62,7 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a worker made of a task. The case does not travel back."""
+    """Hold what a worker returns of a task; the case does not travel back."""
 
     trajectory: Trajectory | None = None
     failure: Failure | None = None

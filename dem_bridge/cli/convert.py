@@ -57,10 +57,10 @@ def compare(
     """
     from dem_bridge.readers.source import with_step
 
-    named = [with_step(file) for file in (first, second)]
-    runs = [_read(path, scene, settings if step is None else settings | {"dt": step}) for path, step in named]
+    pairs = [with_step(file) for file in (first, second)]
+    runs = [_read(path, scene, settings if step is None else settings | {"dt": step}) for path, step in pairs]
     if "dt" in settings:
-        _check_ends([run for run, (_, step) in zip(runs, named, strict=True) if step is None], settings["dt"])
+        _check_ends([run for run, (_, step) in zip(runs, pairs, strict=True) if step is None], settings["dt"])
     comparison = dem_bridge.compare(*runs, tolerance=tolerance or 0.0)
     for entry in comparison.differences:
         click.echo(_sentence(entry))

@@ -161,8 +161,8 @@ class _Meter:
         """Note the state of a campaign."""
         if state is not self.state:
             self.state, self._stored, self._campaign_began = state, state.done, time.monotonic()
-        made = state.done - self._stored
-        self.rate = made / (time.monotonic() - self._campaign_began) if made else None
+        computed = state.done - self._stored
+        self.rate = computed / (time.monotonic() - self._campaign_began) if computed else None
         self.show(self)
 
     @property

@@ -121,9 +121,9 @@ def _work_precision(judgement: Judgement, name: str, runs: Sequence[ForeignRun],
     finest = results[len(runs) - 1]
     others = [run for run in results[len(runs) :] if run.dt == finest.dt]
     text = TEXTS("cost", code=finest.code, dt=amount(finest.dt, "s"), error=finest.error, cpu=finest.cpu)
-    beside = [TEXTS("cost_beside", code=run.code, error=run.error, cpu=run.cpu) for run in others]
+    texts_of_others = [TEXTS("cost_beside", code=run.code, error=run.error, cpu=run.cpu) for run in others]
     return Addition(
-        lines=(("cost", "; ".join((text, *beside))),),
+        lines=(("cost", "; ".join((text, *texts_of_others))),),
         tables=(TEXTS.table("work-precision", rows, quantity=words),),
         figures=(_figure(results, words),),
         notes=(TEXTS("whole_process"), *notes),

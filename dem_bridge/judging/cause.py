@@ -181,13 +181,15 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
     count = sum(block.values.size for block in search.data.blocks)
     equal = [fit for fit in fits if _as_good(fit, best, count)]
     equal.sort(key=lambda fit: PRIORITY.index(fit.hypothesis.cause) if fit.hypothesis.nameable else 99)
-    named = [fit for fit in equal if fit.hypothesis.nameable]
-    if not named or (best.hypothesis not in [fit.hypothesis for fit in named] and not _explained(named[0])):
+    nameable = [fit for fit in equal if fit.hypothesis.nameable]
+    if not nameable or (best.hypothesis not in [fit.hypothesis for fit in nameable] and not _explained(nameable[0])):
         return Diagnosis(cause="unknown", evidence="A cause outside the list fits best.")
-    first = named[0]
-    causes = dict.fromkeys(fit.hypothesis.cause for fit in named)
+    first = nameable[0]
+    causes = dict.fromkeys(fit.hypothesis.cause for fit in nameable)
     cause = first.hypothesis.cause
-    uniform = [fit for fit in named if fit.hypothesis.family == "factor" and fit.hypothesis.cause == "stiffness-scale"]
+    uniform = [
+        fit for fit in nameable if fit.hypothesis.family == "factor" and fit.hypothesis.cause == "stiffness-scale"
+    ]
     if uniform:
         cause = _uniform_name(search.scene, uniform[0]) if cause == "stiffness-scale" else cause
         causes |= dict.fromkeys(("modulus", *(["missing-sqrt-radius"] if _equal_radii(search.scene) else [])))
@@ -196,7 +198,7 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
         causes["stiffness"] = None  # which is 0
     if cause == "units" and variant.scale != 1.0 and variant.factors == (1.0, 1.0, 1.0):
         causes["time-scale"] = None  # by a power of ten
-    places = {fit.hypothesis.where for fit in named if fit.hypothesis.cause == first.hypothesis.cause}
+    places = {fit.hypothesis.where for fit in nameable if fit.hypothesis.cause == first.hypothesis.cause}
     return Diagnosis(
         cause=cause,
         alternatives=tuple(name for name in causes if name != cause),

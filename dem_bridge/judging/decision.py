@@ -83,13 +83,13 @@ class Decision:
                 yield self._improved(hypothesis, p, Stepping(method, self.data.dt))
             return
         # the file was written by one method and step, whatever its cause
-        known = rival is not None and rival.rms < ENOUGH
-        if known and rival is not None and rival.stepping is not None:
+        explained = rival is not None and rival.rms < ENOUGH
+        if explained and rival is not None and rival.stepping is not None:
             yield self._improved(hypothesis, p, rival.stepping)
         for method in (kernels.VERLET, kernels.DRIFT_FIRST):
             yield self._found_step(hypothesis, exact, method)
         promising = rival is None or exact.rms < PROMISING * rival.rms
-        if self.data.even and promising and not known:
+        if self.data.even and promising and not explained:
             # few steps only make a large error
             counts = DIVISORS if exact.error < 0.1 else DIVISORS[:20]
             for method in METHODS[::-1]:
@@ -289,11 +289,11 @@ class Decision:
         A step that is found in noise is none: where the file states no step, the error of a step that resolves the
         contacts counts, and noise is what no step explains.
         """
-        known = none.stepping if self.data.dt is not None else None
-        if known is None and none.rms < UNEXPLAINED * float(np.sqrt(np.mean(self.data.residual(self.exact) ** 2))):
+        stepping = none.stepping if self.data.dt is not None else None
+        if stepping is None and none.rms < UNEXPLAINED * float(np.sqrt(np.mean(self.data.residual(self.exact) ** 2))):
             return 0.0
-        by_steps = self.data.predict(self.base, self.rows, DECISION, known or Stepping(kernels.VERLET, self.step))
-        left = self.data.largest(by_steps if known is not None else self.exact, self._values)
+        by_steps = self.data.predict(self.base, self.rows, DECISION, stepping or Stepping(kernels.VERLET, self.step))
+        left = self.data.largest(by_steps if stepping is not None else self.exact, self._values)
         floors = map(max, self.data.floors, self.data.largest(by_steps, self.exact))
         return max(difference / floor for difference, floor in zip(left, floors, strict=True))
 

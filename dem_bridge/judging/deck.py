@@ -191,8 +191,8 @@ def _named_paths(deck: UserDeck) -> set[str]:
     for word in words:
         path = Path(word)
         inside = len(word) < 200 and not path.is_absolute() and ".." not in path.parts
-        beside = deck.path.parent / path
-        if inside and (beside.is_file() or (len(path.parts) > 1 and beside.parent.is_dir())):
+        target = deck.path.parent / path
+        if inside and (target.is_file() or (len(path.parts) > 1 and target.parent.is_dir())):
             names.add(word)
     return names
 

@@ -183,16 +183,16 @@ def _run(command: Command, scene: Scene, dt: float, folder: Path, time_limit: fl
     said = _last_line(stderr) or _last_line(stdout)
     if ended.code != 0:
         raise RunBroken(f"{name} ended {ended.how}" + (f": {said}" if said else " without a message"))
-    found = folder / out
-    if not found.exists():  # some writers add an ending, or write a file for each frame
+    output = folder / out
+    if not output.exists():  # some writers add an ending, or write a file for each frame
         others = sorted(folder.glob(f"{out}*"))
         if not others:
             raise RunBroken(
                 f"{name} ended without error but wrote no file {{{out}}}; the command must write its samples there"
                 + (f" (its last line was: {said})" if said else "")
             )
-        found = others[0] if len(others) == 1 else folder / f"{out}*"
-    return ForeignRun(name=name, dt=dt, out=found, wall=ended.wall, cpu=ended.cpu)
+        output = others[0] if len(others) == 1 else folder / f"{out}*"
+    return ForeignRun(name=name, dt=dt, out=output, wall=ended.wall, cpu=ended.cpu)
 
 
 def _absolute(word: str) -> str:

@@ -112,9 +112,9 @@ def _difference_from_twin(scene: Scene, errors: FileErrors, twin: Floats) -> flo
     ``twin`` are the errors of the twin, ``(n_t, n_body)``. The result is nan if the file has none of these times.
     """
     times = Sampling(count=scene.samples).times(scene.duration)
-    part, found = errors.quantities["velocity"], errors.record.time
-    rows = np.clip(np.searchsorted(times, found - 0.5 * times[1]), 0, len(times) - 1)
-    same = np.abs(times[rows] - found) <= 1e-9 * times[-1]
+    part, file_times = errors.quantities["velocity"], errors.record.time
+    rows = np.clip(np.searchsorted(times, file_times - 0.5 * times[1]), 0, len(times) - 1)
+    same = np.abs(times[rows] - file_times) <= 1e-9 * times[-1]
     if not np.any(same):
         return math.nan
     return float(np.max(np.abs(part.error[same] - twin[rows[same]][:, part.columns])))
@@ -156,11 +156,11 @@ def _of_scene(scene: Scene, run: DeckRun) -> Iterator[Limit]:
     """Yield the properties in which the deck differs from the scene, each with its effect by a twin."""
     deck = run.deck
     if deck.read is None:
-        found = "; ".join(deck.problems)
-        found = found if len(found) <= 160 else f"{found[:157]}..."
+        problems = "; ".join(deck.problems)
+        problems = problems if len(problems) <= 160 else f"{problems[:157]}..."
         yield Limit(
             what="comparison with the scene",
-            found=f"the deck cannot be read as a scene: {found}",
+            found=f"the deck cannot be read as a scene: {problems}",
             effect=math.nan,
             advice="compare the deck with the scene by hand",
         )
@@ -190,8 +190,10 @@ def _of_neighbours(run: DeckRun, largest: float) -> Iterator[Limit]:
     """Yield whether the neighbour list may miss contacts."""
     neighbor, modify = run.deck.last("neighbor"), run.deck.last("neigh_modify")
     settings: Mapping[str, str] = dict(zip(modify.rest[::2], modify.rest[1::2], strict=False)) if modify else {}
-    found = f"{neighbor.text if neighbor else 'default skin'}, {modify.text if modify else 'default neigh_modify'}"
-    found += f"; dangerous builds: {run.dangerous}"
+    settings_text = (
+        f"{neighbor.text if neighbor else 'default skin'}, {modify.text if modify else 'default neigh_modify'}"
+    )
+    settings_text += f"; dangerous builds: {run.dangerous}"
     wait = max(
         (int(settings.get(key, "0")) for key in ("every", "delay") if settings.get(key, "0").isdigit()), default=0
     )
@@ -204,9 +206,9 @@ def _of_neighbours(run: DeckRun, largest: float) -> Iterator[Limit]:
     risky = run.dangerous > 0 or settings.get("once") == "yes" or settings.get("exclude") is not None
     if risky or (not math.isnan(skin) and travel > skin):
         advice = "write `neigh_modify delay 0 every 1 check yes` and a skin of a radius: contacts may be missed"
-        yield Limit(what="neighbour list", found=found, effect=math.nan, advice=advice)
+        yield Limit(what="neighbour list", found=settings_text, effect=math.nan, advice=advice)
     else:
-        yield Limit(what="neighbour list", found=found, effect=0.0, advice="nothing: no contact is missed")
+        yield Limit(what="neighbour list", found=settings_text, effect=0.0, advice="nothing: no contact is missed")
 
 
 def _of_own_dump(deck: UserDeck) -> Iterator[Limit]:

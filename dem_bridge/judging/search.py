@@ -164,10 +164,10 @@ class Search:
             candidate.hypothesis.cause: candidate for candidate in kept if candidate.hypothesis.family == "factor"
         }
         if len(factors) == 1:
-            one = next(iter(factors.values()))
+            factor = next(iter(factors.values()))
             for hypothesis in global_hypotheses(self.scene, self.model):
-                if hypothesis.family == "factor" and hypothesis.cause != one.hypothesis.cause:
-                    kept.insert(kept.index(one) + 1, Candidate(hypothesis, -one.parameters, one.left))
+                if hypothesis.family == "factor" and hypothesis.cause != factor.hypothesis.cause:
+                    kept.insert(kept.index(factor) + 1, Candidate(hypothesis, -factor.parameters, factor.left))
         return kept
 
     def _fitted(self, windows: list[int]) -> list[Candidate]:
@@ -208,8 +208,8 @@ class Search:
 
 def _alike(first: Candidate, second: Candidate) -> bool:
     """Return whether two candidates are one hypothesis with nearly one start."""
-    one, other = first.hypothesis, second.hypothesis
-    same = (one.cause, one.where, one.evidence) == (other.cause, other.where, other.evidence)
+    left, right = first.hypothesis, second.hypothesis
+    same = (left.cause, left.where, left.evidence) == (right.cause, right.where, right.evidence)
     return same and bool(np.allclose(first.parameters, second.parameters, rtol=0.3, atol=1e-12))
 
 

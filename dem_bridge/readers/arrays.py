@@ -120,12 +120,12 @@ def _entries(name: str, array: NDArray[Any], unit: str | None) -> Iterator[Entry
 def table_of_netcdf(path: Path) -> Table:
     """Read the variables of a netCDF file (classic or netCDF-4) with their units."""
     attributes, variables = read_netcdf(path)
-    own = str(attributes.get("schema", "")).startswith("dem-bridge/")
+    is_own = str(attributes.get("schema", "")).startswith("dem-bridge/")
     table = Table([])
     for variable in variables:
-        if not own or variable.name in _OWN:
+        if not is_own or variable.name in _OWN:
             table.entries += _variable(variable)
-    if own:
+    if is_own:
         with suppress(ValueError, RecursionError, AttributeError):
             settings = json.loads(str(attributes.get("provenance", "{}"))).get("settings", {})
             _state_step(table, settings.get("dt"))

@@ -60,19 +60,19 @@ class Choices:
 def draft_of_table(name: str, table: Table, scene: Scene, choices: Choices) -> Draft:
     """Return the draft of a record from the columns or arrays of a file."""
     notes = list(table.notes)
-    named = _named(table, scene, choices, notes)
-    named = _forces(_of_axis(named, choices, notes), scene, notes)
-    time, time_rounding, dt = _times(named, table, choices, notes)
+    assigned = _assigned(table, scene, choices, notes)
+    assigned = _forces(_of_axis(assigned, choices, notes), scene, notes)
+    time, time_rounding, dt = _times(assigned, table, choices, notes)
     draft = Draft(name=name, time=time, time_rounding=time_rounding, dt=dt, notes=notes)
     draft.headings = tuple(entry.heading for entry in table.entries)
     blocks = {
-        quantity: [(heading, entry) for heading, entry in named if heading.quantity == quantity]
+        quantity: [(heading, entry) for heading, entry in assigned if heading.quantity == quantity]
         for quantity in _SAMPLED
     }
     blocks = {quantity: block for quantity, block in blocks.items() if block}
     pairs = [pair for block in blocks.values() for pair in block]
     wide = any(entry.values.ndim > 1 or heading.index is not None for heading, entry in pairs)
-    bodies = [entry for heading, entry in named if heading.quantity == "body"]
+    bodies = [entry for heading, entry in assigned if heading.quantity == "body"]
     bodies.sort(key=lambda entry: entry.heading.lower().startswith("contact"))
     if bodies and not wide and bodies[0].values.shape == (len(time),):
         sampled = _long(draft, bodies[0], blocks, scene, choices)
@@ -83,7 +83,7 @@ def draft_of_table(name: str, table: Table, scene: Scene, choices: Choices) -> D
     return draft
 
 
-def _named(table: Table, scene: Scene, choices: Choices, notes: list[str]) -> list[tuple[Heading, Entry]]:
+def _assigned(table: Table, scene: Scene, choices: Choices, notes: list[str]) -> list[tuple[Heading, Entry]]:
     """Return the entries whose headings have a meaning, with it."""
     columns = choices.columns
     if not table.named and columns is None:
@@ -101,7 +101,7 @@ def _named(table: Table, scene: Scene, choices: Choices, notes: list[str]) -> li
             f"columns has {unknown[0]!r}, which the file does not have; it has"
             f" {', '.join(repr(entry.heading) for entry in table.entries[:20])}"
         )
-    named, unused = [], []
+    assigned, unused = [], []
     for entry in table.entries:
         text = columns.get(entry.heading, entry.heading)
         heading = heading_of(text)
@@ -115,7 +115,7 @@ def _named(table: Table, scene: Scene, choices: Choices, notes: list[str]) -> li
             continue
         if entry.axis is not None:
             heading = replace(heading, axis=entry.axis)
-        named.append((heading, entry))
+        assigned.append((heading, entry))
         unit = heading.unit or entry.unit
         stated = isinstance(choices.units, str) or choices.states(heading.quantity)
         if unit is None and heading.quantity in DIMENSIONS and not stated:
@@ -126,7 +126,7 @@ def _named(table: Table, scene: Scene, choices: Choices, notes: list[str]) -> li
         notes.append(
             f"columns that are not used: {', '.join(map(repr, unused[:12]))}{', ...' if len(unused) > 12 else ''}"
         )
-    return named
+    return assigned
 
 
 def _unnamed(table: Table, scene: Scene, notes: list[str]) -> list[str]:
@@ -148,15 +148,15 @@ def _unnamed(table: Table, scene: Scene, notes: list[str]) -> list[str]:
     )
 
 
-def _of_axis(named: list[tuple[Heading, Entry]], choices: Choices, notes: list[str]) -> list[tuple[Heading, Entry]]:
+def _of_axis(assigned: list[tuple[Heading, Entry]], choices: Choices, notes: list[str]) -> list[tuple[Heading, Entry]]:
     """Return the entries along one axis: the stated one, or that of the largest motion."""
-    axes = {heading.axis for heading, _ in named if heading.axis is not None}
+    axes = {heading.axis for heading, _ in assigned if heading.axis is not None}
     if choices.axis is not None:
         axis = "xyz".index(choices.axis)
     elif len(axes) > 1:
         motion = dict.fromkeys(axes, 0.0)
         for quantity in ("velocity", "displacement", "position"):
-            for heading, entry in named:
+            for heading, entry in assigned:
                 if heading.quantity == quantity and heading.axis is not None:
                     values = numbers(entry.values)[0]
                     span = np.max(np.abs(values)) if quantity != "position" else np.max(np.ptp(values, axis=0))
@@ -166,16 +166,16 @@ def _of_axis(named: list[tuple[Heading, Entry]], choices: Choices, notes: list[s
         axis = max(motion, key=lambda key: motion[key])
         notes.append(f"the chain lies along {'xyz'[axis]}, which has the largest motion")
     else:
-        return named
-    return [(heading, entry) for heading, entry in named if heading.axis in (None, axis)]
+        return assigned
+    return [(heading, entry) for heading, entry in assigned if heading.axis in (None, axis)]
 
 
-def _forces(named: list[tuple[Heading, Entry]], scene: Scene, notes: list[str]) -> list[tuple[Heading, Entry]]:
+def _forces(assigned: list[tuple[Heading, Entry]], scene: Scene, notes: list[str]) -> list[tuple[Heading, Entry]]:
     """Return the entries with forces as contact forces if their columns are the contacts; else without forces."""
-    forces = [(heading, entry) for heading, entry in named if heading.quantity == "force"]
+    forces = [(heading, entry) for heading, entry in assigned if heading.quantity == "force"]
     if not forces:
-        return named
-    others = [(heading, entry) for heading, entry in named if heading.quantity != "force"]
+        return assigned
+    others = [(heading, entry) for heading, entry in assigned if heading.quantity != "force"]
     by_contact = any(h.quantity == "body" and e.heading.lower().startswith("contact") for h, e in others)
     indices = sorted(heading.index for heading, _ in forces if heading.index is not None)
     count = scene.n_contact
@@ -189,12 +189,12 @@ def _forces(named: list[tuple[Heading, Entry]], scene: Scene, notes: list[str]) 
 
 
 def _times(
-    named: list[tuple[Heading, Entry]], table: Table, choices: Choices, notes: list[str]
+    assigned: list[tuple[Heading, Entry]], table: Table, choices: Choices, notes: list[str]
 ) -> tuple[Floats, Floats, float | None]:
     """Return the times of the rows with their rounding errors, and the time step."""
     dt = choices.dt if choices.dt is not None else table.dt
-    times = [(heading, entry) for heading, entry in named if heading.quantity == "time"]
-    steps = next((entry for heading, entry in named if heading.quantity == "step"), None)
+    times = [(heading, entry) for heading, entry in assigned if heading.quantity == "time"]
+    steps = next((entry for heading, entry in assigned if heading.quantity == "step"), None)
     if times:
         heading, entry = times[0]
         unit = choices.scale("time", heading.unit or entry.unit)
@@ -290,8 +290,8 @@ def _columns(
                 " body of each column, in their order"
             )
         return tuple(choices.bodies)
-    known = [index for index in indices if index is not None]
-    if not known:
+    numbered = [index for index in indices if index is not None]
+    if not numbered:
         if len(indices) != count:
             raise UsageError(
                 f"the file has {len(indices)} columns of {quantity} without the number of a {kind}, the scene"
@@ -299,17 +299,17 @@ def _columns(
                 " bodies of the columns (--bodies)"
             )
         return tuple(range(count))
-    if len(known) != len(indices):
+    if len(numbered) != len(indices):
         raise UsageError(f"only some columns of {quantity} have the number of a {kind}; allowed: all or none")
-    if min(known) == 1 and max(known) == count:
+    if min(numbered) == 1 and max(numbered) == count:
         draft.notes.append(f"the columns of {quantity} count from 1: {kind} 0 of the scene is number 1 of the file")
-        return tuple(index - 1 for index in known)
-    if len(known) < count:
+        return tuple(index - 1 for index in numbered)
+    if len(numbered) < count:
         draft.notes.append(
-            f"the file has the {quantity} of {len(known)} of {count} {'contacts' if of_contacts else 'bodies'}, counted"
-            " from 0"
+            f"the file has the {quantity} of {len(numbered)} of {count} {'contacts' if of_contacts else 'bodies'},"
+            " counted from 0"
         )
-    return tuple(known)
+    return tuple(numbered)
 
 
 def _long(

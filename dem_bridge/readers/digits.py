@@ -155,7 +155,7 @@ def _of_singles(examined: Floats, rounding: Floats, values: Floats) -> Floats:
 
 def _magnitude(values: Floats) -> NDArray[np.int64]:
     """Return the power of ten of the first digit of numbers other than 0."""
-    # nudged upward, because the logarithm of a power of ten may be too small in its last digit
+    # increased a little, because the logarithm of a power of ten may be too small in its last digit
     return np.floor(np.log10(np.abs(values)) + 1e-14).astype(np.int64)
 
 

@@ -138,6 +138,6 @@ def _meaning(text: str) -> Heading | None:
         quantity = "contact_force"
     if match["plain"] and (quantity not in DIMENSIONS or match["plain"].strip("()") not in UNITS[DIMENSIONS[quantity]]):
         return None
-    found = Heading(quantity, None if index is None else int(index), (unit or "").strip() or None, axis)
-    _ = found.scale
-    return found
+    heading = Heading(quantity, None if index is None else int(index), (unit or "").strip() or None, axis)
+    _ = heading.scale
+    return heading

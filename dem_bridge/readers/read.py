@@ -151,7 +151,7 @@ def _of_series(path: Path, files: list[Path], choices: Choices) -> Frames:
         raise UsageError(
             f"{files[0].name} is neither a dump nor XYZ nor VTK; allowed: a series of files of one of these formats"
         )
-    collector, found, numbered = FrameCollector(), list[str](), True
+    collector, time_texts, numbered = FrameCollector(), list[str](), True
     for nth, (file, content) in enumerate(zip(files, contents, strict=True)):
         try:
             arrays, time = (read_legacy if content.startswith(b"# vtk") else read_xml)(content)
@@ -163,10 +163,10 @@ def _of_series(path: Path, files: list[Path], choices: Choices) -> Frames:
             collector.add(ids, columns, f"frame {nth}")
         except (ValueError, IndexError, TypeError, UsageError) as error:
             raise UsageError(f"{file.name}: {error}") from error
-        found += [text] if (text := times[nth] or time) else []
+        time_texts += [text] if (text := times[nth] or time) else []
     step = [float(re.findall(r"\d+", file.name)[-1]) if re.search(r"\d", file.name) else math.nan for file in files]
     notes = () if numbered else ("the file has no ids; bodies are the points in their order",)
-    texts_of_times = np.array(found, dtype=np.bytes_) if found else ()
+    texts_of_times = np.array(time_texts, dtype=np.bytes_) if time_texts else ()
     steps = [] if len(set(step)) < len(step) or math.nan in step else step
     return collector.frames(time=texts_of_times, step=steps, numbered=numbered, notes=notes)
 

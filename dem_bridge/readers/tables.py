@@ -81,7 +81,7 @@ def read_text(text: str) -> Table:
         Entry(heading, _column(cells, heading))
         for heading, cells in zip(headings, zip(*rows, strict=True), strict=True)
     ]
-    stated = [found for comment in comments if (found := _STEP.search(comment))]
+    stated = [match for comment in comments if (match := _STEP.search(comment))]
     if stated:
         try:
             table.dt = float(stated[0][1])

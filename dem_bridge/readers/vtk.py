@@ -80,13 +80,13 @@ class _Legacy:
             self.at = end
             return array.astype(dtype.newbyteorder("="))
         # a word and the blank behind it have two characters or more
-        found: list[bytes] = []
-        while len(found) < count:
+        words_read: list[bytes] = []
+        while len(words_read) < count:
             words = self.line()
             if words is None:
                 raise UsageError("the VTK file is cut off; write it again")
-            found += [word.encode("latin-1") for word in words]
-        return np.array(found[:count], dtype=np.bytes_)
+            words_read += [word.encode("latin-1") for word in words]
+        return np.array(words_read[:count], dtype=np.bytes_)
 
     def arrays(self) -> Iterator[tuple[str, NDArray[Any]]]:
         """Yield the points, the point data and the field data of the file; cells are skipped."""
@@ -224,10 +224,10 @@ class _Xml:
 
 def read_pvd(content: bytes) -> list[tuple[str, str]]:
     """Return time and file of each data set of a series."""
-    found = [(part.get("timestep", ""), part.get("file", "")) for part in _xml(content).findall(".//DataSet")]
-    if not found or not all(file for _, file in found):
+    datasets = [(part.get("timestep", ""), part.get("file", "")) for part in _xml(content).findall(".//DataSet")]
+    if not datasets or not all(file for _, file in datasets):
         raise UsageError("the PVD file has no data sets; allowed: a time and a file for each")
-    return found
+    return datasets
 
 
 def places(position: NDArray[Any]) -> NDArray[np.int64]:

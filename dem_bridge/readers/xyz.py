@@ -47,14 +47,14 @@ def read_xyz(texts: Iterable[str]) -> Frames:
             label = f"frame {collector.count}"
             try:
                 count = int(lines[at])
-                pairs = {found[1]: found[2] or found[3] or found[4] or "" for found in _PAIR.finditer(lines[at + 1])}
+                pairs = {match[1]: match[2] or match[3] or match[4] or "" for match in _PAIR.finditer(lines[at + 1])}
                 rows = [line.split() for line in lines[at + 2 : at + 2 + count]]
                 ids, columns = _columns(rows, pairs.get("Properties"), count)
             except (ValueError, IndexError) as error:
                 raise UsageError(f"{label} is incomplete or not in the format XYZ ({error}); write it again") from error
             collector.add(ids, columns, label)
             times += [pairs[name] for name in ("Time", "time", "t") if name in pairs][:1]
-            steps += [float(found[1]) for found in [_STEP.search(lines[at + 1])] if found]
+            steps += [float(match[1]) for match in [_STEP.search(lines[at + 1])] if match]
             fields |= {"units": pairs["units"]} if "units" in pairs else {}
             fields |= {"dt": float(pairs["dt"])} if re.fullmatch(r"[0-9.eE+-]+", pairs.get("dt", "")) else {}
             at += 2 + count

@@ -92,11 +92,11 @@ def digest(code: Mapping[str, str]) -> str:
 
 def _closure(modules: Iterable[str], package: Path) -> set[str]:
     """Return modules with all that they import, directly or through others, apart from what is in no run."""
-    wanted, reached = list(modules), set[str]()
-    while wanted:
-        if (module := wanted.pop()) not in reached:
+    waiting, reached = list(modules), set[str]()
+    while waiting:
+        if (module := waiting.pop()) not in reached:
             reached.add(module)
-            wanted += _imports(module, package)
+            waiting += _imports(module, package)
     return reached
 
 

@@ -77,11 +77,11 @@ def _details(path: Path) -> dict[str, Any]:
             details = json.loads(file.readline(_MOST_JSON))
     except (OSError, ValueError, RecursionError):
         return {}
-    known = details if isinstance(details, dict) else {}
-    provenance = known.get("provenance") or {}
+    line = details if isinstance(details, dict) else {}
+    provenance = line.get("provenance") or {}
     settings = provenance.get("settings") if isinstance(provenance, dict) else provenance
-    of_form = isinstance(settings or {}, dict) and isinstance(known.get("determined_by") or {}, dict)
-    return known if of_form and isinstance(known.get("arrays") or {}, dict) else {}
+    of_form = isinstance(settings or {}, dict) and isinstance(line.get("determined_by") or {}, dict)
+    return line if of_form and isinstance(line.get("arrays") or {}, dict) else {}
 
 
 def _what(details: Mapping[str, Any]) -> str:

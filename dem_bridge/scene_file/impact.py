@@ -76,9 +76,9 @@ def from_impact(file: ImpactScene) -> Scene:
     mass = tuple(rounded(sphere.mass) for sphere in spheres)
     speed, gap = _approach(impact)
     if plane:
-        own = spheres[0].material.elastic
-        second = (own["young"], own["poisson"]) if impact.wall == "same" else (math.inf, 0.0)
-        contact = sphere_on_plane(radius=spheres[0].radius, **own, young2=second[0], poisson2=second[1])
+        elastic = spheres[0].material.elastic
+        second = (elastic["young"], elastic["poisson"]) if impact.wall == "same" else (math.inf, 0.0)
+        contact = sphere_on_plane(radius=spheres[0].radius, **elastic, young2=second[0], poisson2=second[1])
     else:
         contact = Geometry(bodies=spheres).contact(0)
     stiffness = rounded(contact.stiffness)

@@ -301,9 +301,9 @@ def study_of(chains: ScatteredChains, tolerances: Sequence[Tolerance] = (), effe
     for name, ratio in chains.measures().items():
         low, high = np.nanquantile(ratio, [0.05, 0.95])
         answer.append(TEXTS("middle", name=name, low=low - 1.0, high=high - 1.0))
-    for found in tolerances:
-        if found.effect == effect and math.isfinite(found.spread):
-            answer.append(TEXTS("tolerance", **vars(found), count=min(chains.count, _CHAINS)))
+    for tolerance in tolerances:
+        if tolerance.effect == effect and math.isfinite(tolerance.spread):
+            answer.append(TEXTS("tolerance", **vars(tolerance), count=min(chains.count, _CHAINS)))
     if scene.name in PAPER:
         slower = "does not explain that" if mean < deviation else "may contribute to that"
         answer.append(TEXTS("paper", median=np.nanmedian(times), slower=slower, **arrival))

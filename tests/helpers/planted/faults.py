@@ -297,10 +297,11 @@ def damping(chain: Chain, setting: Setting, size: float, rng: np.random.Generato
     speed = float(np.max(np.abs(chain.velocity)))
     laws = ["dashpot", "mass_velocity", "kuwabara-kono", "coeff_restitution"]
     law = str(rng.choice(laws if np.all(chain.power == 1.5) else laws[:2]))
-    duration = contact_time(
-        float(np.median(chain.mass)), float(np.median(chain.stiffness[np.isfinite(chain.stiffness)])), speed
-    )
-    if not np.all(chain.power == 1.5):
+    # a contact that another fault removed has the stiffness 0
+    stiffness = chain.stiffness[np.isfinite(chain.stiffness) & (chain.stiffness > 0.0)]
+    if stiffness.size and np.all(chain.power == 1.5):
+        duration = contact_time(float(np.median(chain.mass)), float(np.median(stiffness)), speed)
+    else:
         duration = chain.duration / chain.n_body
     # coefficients that take about a share ``size`` of the speed of an impact
     value = {
