@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import BinaryIO
 
 from dem_bridge.errors import UsageError
 from dem_bridge.leftovers import owned, sweep
@@ -36,9 +38,25 @@ def checked_file(path: str | Path, most: int = MOST_TEXT) -> Path:
     return path
 
 
+@contextmanager
+def opened(path: str | Path, most: int = MOST_TEXT) -> Iterator[BinaryIO]:
+    """Open a file of :func:`checked_file` for reading; a file of the kernel that would wait for events is empty."""
+    with open(os.open(checked_file(path, most), os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+        yield file
+
+
+def bytes_of_file(path: str | Path, most: int = MOST_TEXT) -> bytes:
+    """Return the content of a file; raise OSError with the reason as ``strerror`` if it cannot be read."""
+    with opened(path, most) as file:
+        content = file.read(most + 1) or b""
+    if len(content) > most:  # a file of the kernel has no size
+        raise OSError(errno.EFBIG, f"it has more than {most >> 20} MiB")
+    return content
+
+
 def text_of_file(path: str | Path, most: int = MOST_TEXT) -> str:
     """Return the text of a file in UTF-8; raise OSError with the reason as ``strerror`` if it cannot be read."""
-    content = checked_file(path, most).read_bytes()
+    content = bytes_of_file(path, most)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:

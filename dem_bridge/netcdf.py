@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.files import MOST_BYTES, checked_file
+from dem_bridge.files import MOST_BYTES, opened
 from dem_bridge.isolated import call_isolated
 
 #: largest number of variables and of dimensions of one of them
@@ -50,9 +50,8 @@ def is_netcdf(first: bytes) -> bool:
 def read_netcdf(path: Path, *, only_attributes: bool = False) -> Contents:
     """Return the contents of a netCDF file; raise UsageError if it is missing, damaged, too large or no netCDF."""
     try:
-        checked_file(path, MOST_BYTES)
-        with path.open("rb") as file:
-            first = file.read(8)
+        with opened(path, MOST_BYTES) as file:
+            first = file.read(8) or b""
     except OSError as error:
         raise UsageError(f"the file cannot be read ({error.strerror}); give a netCDF file") from error
     if not is_netcdf(first):

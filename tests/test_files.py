@@ -61,6 +61,12 @@ def test_only_regular_files_of_bounded_size_are_opened(tmp_path: Path, monkeypat
         text_of_file(tmp_path / "binary")
 
 
+def test_a_file_of_the_kernel_that_has_no_size_or_no_end_is_refused() -> None:
+    assert Path("/proc/self/pagemap").stat().st_size == 0
+    with pytest.raises(OSError, match="more than 0 MiB"):
+        text_of_file("/proc/self/pagemap", 2**16)
+
+
 def test_a_named_file_is_below_the_folder_unless_the_user_says_otherwise(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from dem_bridge.errors import BlockedScript, RunBroken, SceneError, UsageError
-from dem_bridge.files import MOST_BYTES, checked_file, text_of_file
+from dem_bridge.files import MOST_BYTES, opened, text_of_file
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.opening import files_of
 from dem_bridge.lmp.process import run_deck, workspace
@@ -87,8 +87,8 @@ class UserDeck:
 def is_deck(path: Path) -> bool:
     """Return True if a file is a LAMMPS input script, by its content."""
     try:
-        with checked_file(path, MOST_BYTES).open("rb") as file:
-            head = file.read(100_000)
+        with opened(path, MOST_BYTES) as file:
+            head = file.read(100_000) or b""
     except OSError:
         return False
     return b"\0" not in head and b"ITEM:" not in head and _DECK.search(head.decode(errors="replace")) is not None

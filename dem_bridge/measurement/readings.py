@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.files import checked_file, text_of_file
+from dem_bridge.files import bytes_of_file, text_of_file
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Floats
 
@@ -123,7 +123,7 @@ def read_measurement(files: Iterable[Path], scene: Scene) -> tuple[Reading, ...]
 
 def checksum(file: Path) -> str:
     """Return the sha256 of a file."""
-    return hashlib.sha256(checked_file(file).read_bytes()).hexdigest()
+    return hashlib.sha256(bytes_of_file(file)).hexdigest()
 
 
 def _read(file: Path, scene: Scene, rows: Mapping[tuple[str, int], list[tuple[float, float, float]]]) -> None:

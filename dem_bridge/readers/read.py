@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.files import MOST_BYTES, checked_file, named_file
+from dem_bridge.files import MOST_BYTES, named_file, opened
 from dem_bridge.netcdf import is_netcdf
 from dem_bridge.readers.arrays import read_npy, read_npz, table_of_netcdf
 from dem_bridge.readers.assemble import Choices, draft_of_table
@@ -93,8 +93,8 @@ def load(path: Path, choices: Choices) -> tuple[Table | Frames, str]:
     if len(files) > 1 or path.suffix.lower() == ".pvd":
         return _of_series(path, files, choices), "si"
     try:
-        with checked_file(files[0], MOST_BYTES).open("rb") as stream:
-            first = stream.read(16)
+        with opened(files[0], MOST_BYTES) as stream:
+            first = stream.read(16) or b""
     except OSError as error:
         raise UsageError(f"the file cannot be read ({error.strerror}); give a file of samples") from error
     if is_netcdf(first):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.files import MOST_BYTES, checked_file
+from dem_bridge.files import MOST_BYTES, opened
 
 #: a file of a code, with or without its time step
 File = str | Path | tuple[str | Path, float | None]
@@ -38,8 +38,8 @@ def damage_as_usage_error(path: Path) -> Iterator[None]:
 def read_bytes(path: Path) -> bytes:
     """Return the contents of a file, decompressed; raise UsageError if it is missing, damaged or too large."""
     try:
-        with checked_file(path, MOST_BYTES).open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
+        with opened(path, MOST_BYTES) as file:
+            content = file.read(MOST_BYTES + 1) or b""
             opener = next((opener for magic, opener in _PACKED.items() if content.startswith(magic)), None)
             if opener is not None:
                 file.seek(0)

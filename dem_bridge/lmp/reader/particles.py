@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from dem_bridge.checked import MOST_BODIES
 from dem_bridge.lmp.reader.pairs import numbered
-from dem_bridge.lmp.reader.script import Command, Script, read
+from dem_bridge.lmp.reader.script import Command, Script
 
 _SETTABLE = ("type", "mass", "density", "density/disc", "diameter", "x", "y", "z", "vx", "vy", "vz")
 _SPINS = ("omegax", "omegay", "omegaz")
@@ -133,7 +133,7 @@ class Particles:
         file = command.rest[0]
         section, box = "", dict[str, tuple[float, float]]()
         declared = 0
-        for number, line in enumerate(read(self.script.opened, command, file).splitlines(), start=1):
+        for number, line in enumerate(self.script.read(command, file).splitlines(), start=1):
             words = tuple(line.partition("#")[0].split())
             if number == 1 or not words:
                 continue
@@ -197,9 +197,9 @@ class Particles:
         """Evaluate a ``group`` command."""
         command.fail_if(len(command.rest) < 2, "is incomplete", "group ID STYLE ...")
         name, style, *words = command.rest
+        self.script.count(command, len(self.atoms) * len(words) // 4)
         if style in ("id", "type"):
             chosen, key = self._ranged(command, words), "number" if style == "id" else "kind"
-            self.script.count(command, len(self.atoms) * len(words) // 4)
             members = {atom.number for atom in self.atoms.values() if chosen(getattr(atom, key))}
             self.groups[name] = self.groups.get(name, set()) | members
         elif style == "region" and len(words) == 1:
@@ -260,7 +260,7 @@ class Particles:
             chosen = {atom.number for atom in self.atoms.values() if getattr(atom, key) in numbers}
             self.script.count(command, len(self.atoms) // 20)
         command.fail_if(not chosen, "changes no atom", "atoms that exist")
-        self.script.count(command, len(chosen) // 4)
+        self.script.count(command, len(chosen) * len(pairs) // 8)
         for key, word in self._without_spin(command, pairs):
             command.fail_if(key not in _SETTABLE, f"sets {key}, which is not supported", ", ".join(_SETTABLE))
             rows = self._rows(command, word)
@@ -288,7 +288,7 @@ class Particles:
         style, words = self.script.variables.get(word.removeprefix("v_"), ("", ()))
         if not word.startswith("v_") or style != "atomfile":
             return None
-        text = read(self.script.opened, command, words[0])
+        text = self.script.read(command, words[0])
         lines = [
             Command(words[0], at, tuple(line.split("#")[0].split())) for at, line in enumerate(text.splitlines(), 1)
         ]

@@ -105,6 +105,8 @@ class Script:
     _skip_jump: bool = False
     _files: dict[str, list[tuple[int, str]]] = field(default_factory=dict)
     """Name -> numbered lines of each file that is read."""
+    _labels: dict[str, dict[str, int]] = field(default_factory=dict)
+    """Name -> index of the line behind each label of the file."""
 
     def commands(self, file: str, text: str | None = None, at: Command | None = None) -> Iterator[Command]:
         """Yield all commands except those that steer the script, such as ``variable`` and ``jump``.
@@ -123,8 +125,10 @@ class Script:
             if not command.words:
                 continue
             try:
-                self.count(command)
-                command.fail_if(len(bare) > _LONGEST, f"has {len(bare)} characters", f"at most {_LONGEST} characters")
+                self.count(command, 10 + len(bare) // 100)
+                command.fail_if(
+                    len(bare) > _LONGEST, f"has more than {_LONGEST} characters", f"at most {_LONGEST} characters"
+                )
                 command = Command(file, number, tuple(_words(self._filled(bare, command))))
                 if command.name == "variable":
                     self._define(command)
@@ -137,7 +141,7 @@ class Script:
                     if not self._skip_jump:
                         file = file if command.rest[0] == "SELF" else command.rest[0]
                         lines = self._lines_of(file, None, command)
-                        place = _after_label(command, lines)
+                        place = self._after_label(command, file)
                         self.count(command, place)
                     self._skip_jump = False
                 elif command.name == "include":
@@ -159,9 +163,46 @@ class Script:
         if file not in self._files:
             if text is None:
                 assert at is not None  # only the first file has no command that names it
-                text = read(self.opened, at, file)
-            self._files[file] = list(_lines(text))
+                text = self.read(at, file)
+            else:
+                self._count_text(Command(file, 1, ("(the whole file)",)), text)
+            self._files[file] = [(number, line[: _LONGEST + 1]) for number, line in _lines(text)]
+            starts = [line.split(maxsplit=2) for _, line in self._files[file]]
+            labels = [(words[1], at) for at, words in enumerate(starts, 1) if words[:1] == ["label"] and words[1:]]
+            self._labels[file] = dict(reversed(labels))  # the first of several counts
         return self._files[file]
+
+    def _after_label(self, command: Command, file: str) -> int:
+        """Return the index of the line behind the label of a ``jump``, or that of the first line without one."""
+        if len(command.rest) < 2:
+            return 0
+        if (at := self._labels[file].get(command.rest[1])) is None:
+            raise command.error(
+                f"jumps to the label {command.rest[1]}, which is not in the file", "the name of a label"
+            )
+        return at
+
+    def read(self, command: Command, name: str) -> str:
+        """Return the text of a file that a command names."""
+        try:
+            text = self.opened(name)
+        except (OSError, KeyError, UnicodeDecodeError, ValueError) as error:
+            why = (
+                error.strerror
+                if isinstance(error, OSError)
+                else "missing"
+                if isinstance(error, KeyError)
+                else "not text"
+            )
+            raise command.error(
+                f"names the file {name}, which cannot be read ({why})", "a text file next to the script"
+            ) from None
+        self._count_text(command, text)
+        return text
+
+    def _count_text(self, command: Command, text: str) -> None:
+        """Add to the work the reading of a text."""
+        self.count(command, len(text) // 100 + text.count("\n") // 10)
 
     def count(self, command: Command, lines: int = 10) -> None:
         """Add to the work for the script; raise SceneError if it is too much, because a loop does not end."""
@@ -218,6 +259,7 @@ class Script:
 
     def evaluated(self, command: Command, text: str, depth: int = 0) -> float:
         """Return the value of a formula of constants."""
+        self.count(command, len(text) // 20)
 
         def name(word: str) -> float:
             if word.startswith("v_") and depth < _DEEPEST:
@@ -325,27 +367,6 @@ def given_variables(values: Mapping[str, str] | None) -> dict[str, tuple[str, tu
     return {name: ("index", (value,)) for name, value in (values or {}).items()}
 
 
-def _after_label(command: Command, lines: list[tuple[int, str]]) -> int:
-    """Return the index of the line behind the label of a ``jump``, or that of the first line without one."""
-    if len(command.rest) < 2:
-        return 0
-    for at, (_, line) in enumerate(lines):
-        if line.split()[:2] == ["label", command.rest[1]]:
-            return at + 1
-    raise command.error(f"jumps to the label {command.rest[1]}, which is not in the file", "the name of a label")
-
-
-def read(opened: Opened, command: Command, name: str) -> str:
-    """Return the text of a file that a command names."""
-    try:
-        return opened(name)
-    except (OSError, KeyError, UnicodeDecodeError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else "missing" if isinstance(error, KeyError) else "not text"
-        raise command.error(
-            f"names the file {name}, which cannot be read ({why})", "a text file next to the script"
-        ) from None
-
-
 def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Yield lines with the number of their first line, continued ones joined."""
     begun, first = "", 0
@@ -360,7 +381,8 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
         elif joined.rstrip().endswith("&"):  # also within a comment
             begun = joined.rstrip()[:-1] + " "
         else:
-            yield first, joined
+            if joined.strip():
+                yield first, joined
             begun = ""
     if begun.strip():
         yield first, begun

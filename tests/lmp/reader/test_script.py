@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from dem_bridge.errors import BlockedScript, SceneError
 from dem_bridge.lmp.opening import files_of
+from dem_bridge.lmp.reader.deck import read_script
 from dem_bridge.lmp.reader.script import Script
 from tests.helpers.strategies import examples
 
@@ -191,3 +193,45 @@ def test_a_long_file_of_another_kind_is_recognised_at_once(tmp_path: Path) -> No
     assert opened("numbers").startswith("# ids")
     with pytest.raises(OSError, match="neither a LAMMPS script nor a data file"):
         opened("other")
+
+
+_ATOMS = "\n".join(f"{k} 1 0.1 2000 {k} 0 0" for k in range(1, 1001))
+#: a data file of 1000 atoms, and rows that are no data file
+_FILES = {
+    "data": f"x\n1000 atoms\n1 atom types\n0 2000 xlo xhi\n-1 1 ylo yhi\n-1 1 zlo zhi\nAtoms # sphere\n\n{_ATOMS}\n",
+    "rows": "1000\n" + "\n".join(f"{k} 1.0" for k in range(1, 1001)),
+    "bad": "x\nfoo\n" + "1 2 3\n" * 10_000,
+    "labels": "label b\n" * 10_000,
+}
+_LONG = "1&&" * 5_000 + "1"
+
+
+@pytest.mark.parametrize(
+    ("before", "body"),
+    [
+        ("", "print " + "x" * 19_000),
+        ("", "print " + "x" * 1_000_000),
+        (f"variable b equal {_LONG}", "print ${b}"),
+        ("", "read_data bad"),
+        ("", "jump labels c"),
+        ("read_data data\nregion r sphere 0 0 0 1e9", "group g region r"),
+        ("read_data data\ngroup b type 1", "group g union all b b b"),
+        ("read_data data\nvariable m atomfile rows", "set type 1 mass v_m"),
+        ("read_data data", "set type 1 " + "mass 1.0 " * 500),
+    ],
+)
+def test_the_work_of_a_loop_is_that_of_the_texts_and_atoms_of_its_commands(
+    before: str, body: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dem_bridge.lmp.reader.script._MOST_WORK", 20_000)
+    rounds, lines_of = list[str](), Script._lines_of
+
+    def counted(script: Script, file: str, *settings: Any) -> Any:
+        rounds.append(file)
+        return lines_of(script, file, *settings)
+
+    monkeypatch.setattr(Script, "_lines_of", counted)
+    text = f"units si\natom_style sphere\n{before}\nlabel a\n{body}\njump SELF a\n"
+    with pytest.raises(BlockedScript):
+        read_script(text, file="in.test", opened=_FILES.__getitem__)
+    assert len(rounds) < 100  # 20,000 of work; a round of two short commands takes 20
