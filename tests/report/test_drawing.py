@@ -17,9 +17,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
-from dem_bridge.report.drawing import colour_limits, draw_figure
+from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import picture_of_data
+from dem_bridge.report.scales import colour_limits
 from dem_bridge.report.strokes import STYLES, style_of
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
 from tests.helpers.legibility import assert_legible

@@ -1,0 +1,188 @@
+"""Set the scales of panels: the colours of maps, axes that several panels share, and ticks."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from numpy.typing import NDArray
+
+from dem_bridge.studies.study import Map, Panel
+
+
+def colour_limits(maps: Sequence[Map]) -> tuple[float, float, str]:
+    """Return the smallest and the largest value of a colour scale for all maps, and the ends that values exceed.
+
+    The extreme values of 19 of 20 columns lie within the scale. A percentile of all values would depend on how much of
+    a map is at rest.
+    """
+    tops, bottoms = [], []
+    for data in maps:
+        finite = np.where(np.isfinite(data.values), data.values, np.nan)
+        full = finite[:, np.isfinite(finite).any(axis=0)]
+        if full.size:
+            tops.append(np.nanmax(full, axis=0))
+            bottoms.append(np.nanmin(full, axis=0))
+    if not tops:
+        return 0.0, 1.0, "neither"
+    high, low = np.concatenate(tops), np.concatenate(bottoms)
+    top, bottom = float(np.percentile(high, 95.0)), float(np.percentile(low, 5.0))
+    if any(data.diverging for data in maps):
+        top = max(abs(top), abs(bottom))
+        bottom = -top
+    if not top > bottom:
+        top, bottom = float(high.max()), float(low.min())
+    if not top > bottom:
+        top = bottom + 1.0
+    step = (top - bottom) / 256.0  # one of 256 colours; smaller excesses are invisible
+    ends = (float(low.min()) < bottom - step, float(high.max()) > top + step)
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[ends]
+    return bottom, top, extend
+
+
+def groups_of_scale(panels: Sequence[Panel]) -> list[list[int]]:
+    """Return the groups of indices of panels that share a scale."""
+    group = list(range(len(panels)))
+    for k, panel in enumerate(panels):
+        for other in panel.shares_scale_with:
+            if not 0 <= other < len(panels):
+                raise ValueError(f"panel {k} shares its scale with {other}; the figure has {len(panels)} panels")
+            old, new = group[k], group[other]
+            group = [new if label == old else label for label in group]
+    return [[k for k, label in enumerate(group) if label == name] for name in dict.fromkeys(group)]
+
+
+def scale_together(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
+    """Set the same y axis for all axes.
+
+    A linear axis begins at zero. A first point above twice the others, as next to the striker of a chain, is off scale
+    and stated in a note, so that it does not compress the others.
+    """
+    series = [[y[np.isfinite(y)] for y in _curves(panel) if np.isfinite(y).any()] for panel in panels]
+    lines = [y for curves in series for y in curves]
+    if not lines:
+        return
+    if panels[0].log or panels[0].log_y:
+        if not any((y > 0.0).any() for y in lines):
+            return
+        low = min(float(y[y > 0.0].min()) for y in lines if (y > 0.0).any())
+        high = max(float(y.max()) for y in lines)
+        margin = max((high / low) ** 0.1, 1.02)  # room for half a marker
+        for ax in axes:
+            ax.set_ylim(low / margin, high * margin)
+        return
+    rest = [value for y in lines for value in (y[1:] if len(y) > 1 else y)]
+    low, high = min(0.0, *rest), max(0.0, *rest)
+    near = [float(y[0]) for y in lines if low <= y[0] <= 2.0 * high]
+    high = max([high, *near])
+    if not high > low:
+        low, high = low - 1.0, high + 1.0
+    room = 0.06 * (high - low)
+    beyond = any(y[0] > high + room for y in lines)
+    top = high + room * (3.5 if beyond else 1.0)  # room for the note
+    for ax, curves, panel in zip(axes, series, panels, strict=True):
+        ax.set_ylim(low - room if low < 0.0 else 0.0, top)
+        first = max((float(y[0]) for y in curves), default=0.0)
+        if beyond and first > high + room:
+            _name_off_scale(ax, panel, first)
+
+
+def _curves(panel: Panel) -> list[NDArray[np.float64]]:
+    """Return the lines of a panel, and the edges of its bands."""
+    curves = [line.y for line in panel.series]
+    bands = [(line.y, line.bar) for line in panel.series if line.style == "band" and line.bar is not None]
+    return [*curves, *(y + side * bar for y, bar in bands for side in (-1.0, 1.0))]
+
+
+def _name_off_scale(ax: Axes, panel: Panel, first: float) -> None:
+    """Write a note about a first point that is off scale."""
+    x = next(float(line.x[0]) for line in panel.series if len(line.x) and line.y[0] == first)
+    _, top = ax.get_ylim()
+    unit = re.search(r"\((.*)\)\s*$", panel.y_label)
+    noun = re.split(r"[,(]", panel.x_label)[0].strip()
+    note = ax.annotate(
+        f"{noun} {x:g}: {first:.4g} {unit[1] if unit else ''}, off scale",
+        xy=(x, 0.985 * top),
+        xytext=(0.12, 0.925),
+        textcoords="axes fraction",
+        va="center",
+        arrowprops={"arrowstyle": "->"},
+    )
+    note.set_in_layout(False)  # the note does not change the size of the axes
+
+
+def set_scales(ax: Axes, panel: Panel, inches: float) -> None:
+    """Set the limits and ticks of a panel of a width in inches."""
+    xs = [line.x for line in panel.series] + ([panel.map.x] if panel.map is not None else [])
+    ys = [line.y for line in panel.series]
+    if panel.rows:
+        _set_rows(ax, panel, xs)
+    elif panel.log and _decades(xs) is not None and _decades(ys) is not None:
+        _set_logarithmic(ax, xs, ys)
+    else:
+        _set_linear(ax, xs, inches)
+        if panel.log_y and _decades(ys) is not None:
+            ax.set_yscale("log")
+            ax.yaxis.set_major_locator(LogLocator(numticks=6))
+            ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+            ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _set_rows(ax: Axes, panel: Panel, xs: Sequence[NDArray[np.float64]]) -> None:
+    """Name the rows of a panel, and set its x axis, which is logarithmic unless it has bars."""
+    ax.set(ylim=(len(panel.rows) - 0.5, -0.5))
+    ax.set_yticks(range(len(panel.rows)), [textwrap.shorten(name, 44, placeholder=" ...") for name in panel.rows])
+    for text in ax.get_yticklabels():
+        text.set_fontweight("bold" if text.get_text().endswith(":") else "normal")
+    if not panel.bars:
+        ax.set_xscale("log")
+        decades = _decades(xs) or 0.0
+        positive = np.concatenate([x[x > 0.0] for x in xs])
+        if decades > 4.0 and positive.min() < 1e-9:  # a scale of errors, from below round-off to one
+            ax.set_xlim(min(1e-14, 0.3 * positive.min()), max(2.0, 3.0 * positive.max()))
+        ax.xaxis.set_major_locator(LogLocator(numticks=5 if decades > 4.0 else None))
+        ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten if decades > 4.0 else lambda value, _: f"{value:g}"))
+
+
+def _set_logarithmic(ax: Axes, xs: Sequence[NDArray[np.float64]], ys: Sequence[NDArray[np.float64]]) -> None:
+    """Set two logarithmic axes, with more ticks where they span fewer decades."""
+    ax.set(xscale="log", yscale="log")
+    for axis, values in ((ax.xaxis, xs), (ax.yaxis, ys)):
+        decades = _decades(values) or 0.0
+        subs = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if decades < 0.7 else (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
+        axis.set_major_locator(LogLocator(subs=subs))
+        axis.set_major_formatter(FuncFormatter(power_of_ten if decades >= 3.0 else lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _set_linear(ax: Axes, xs: Sequence[NDArray[np.float64]], inches: float) -> None:
+    """Set the ticks of a linear x axis; those of whole numbers are whole."""
+    whole = bool(xs) and all(np.array_equal(x, np.round(x)) for x in xs)
+    ax.xaxis.set_major_locator(
+        MaxNLocator(
+            nbins=8 if whole else 6 if inches > 2.6 else 3,
+            integer=whole,
+            steps=[1, 2, 5, 10] if whole else [1, 2, 2.5, 5, 10],
+        )
+    )
+    if whole and len({x for line in xs for x in line.tolist()}) == 1:  # matplotlib would show thousandths of a body
+        ax.set_xlim(float(xs[0][0]) - 1.0, float(xs[0][0]) + 1.0)
+
+
+def power_of_ten(value: float, _: float | None = None) -> str:
+    """Return a power of ten as text without a superscript, which would be too small on paper.
+
+    >>> power_of_ten(1e-14), power_of_ten(0.01), power_of_ten(1000.0), power_of_ten(1e6)
+    ('1e-14', '0.01', '1000', '1e6')
+    """
+    return f"{value:g}" if 1e-3 < value < 1e5 else f"{value:.0e}".replace("e+0", "e").replace("e-0", "e-")
+
+
+def _decades(values: Sequence[NDArray[np.float64]]) -> float | None:
+    """Return the number of decades that the positive values span; None without positive values."""
+    positive = np.concatenate([np.empty(0), *(array[np.isfinite(array) & (array > 0.0)] for array in values)])
+    return float(np.log10(positive.max() / positive.min())) if positive.size else None
