@@ -224,7 +224,7 @@ def test_only_its_own_module_imports_dask_and_only_when_it_connects() -> None:
 
 def test_only_scene_files_defects_and_texts_of_studies_are_parsed() -> None:
     assert _importers("tomllib") == {"lmp.known_defects", "scene_file.load", "scene_file.text", "studies.texts"}
-    assert _importers("pydantic") == {"scene_file.load", "scene_file.forms"}
+    assert _importers("pydantic") == {"scene_file.load", "scene_file.forms", "scene_file.body_forms"}
 
 
 def test_only_the_process_starts_processes_for_lammps_and_one_reads_files_in_a_child() -> None:

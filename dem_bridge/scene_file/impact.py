@@ -14,7 +14,7 @@ from dem_bridge.geometry import Body, Geometry, Material
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.physics.hertz import sphere_on_plane
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.scene_file import forms
+from dem_bridge.scene_file import forms, raw
 from dem_bridge.scene_file.physical import HERTZ, rounded
 
 #: duration without an entry in the file, in contact times of the impact without damping and adhesion
@@ -93,7 +93,7 @@ def from_impact(file: ImpactScene) -> Scene:
     adhesion = None
     if impact.adhesion is not None:
         table = forms.AdhesionTable(law=impact.adhesion.law, surface_energy=impact.adhesion.surface_energy)
-        adhesion = table.adhesion(forms.effective_radii(spheres, (False, plane)))
+        adhesion = table.adhesion(raw.effective_radii(spheres, (False, plane)))
     return Scene(
         name=file.name,
         description=file.description,

@@ -23,18 +23,13 @@ from pydantic import BaseModel, ValidationError
 from dem_bridge.errors import SceneError, UsageError
 from dem_bridge.files import text_of_file
 from dem_bridge.scene import Scene
+from dem_bridge.scene_file.body_forms import CylinderScene, PatternScene, SphereScene
 from dem_bridge.scene_file.drive import with_force_of_file
-from dem_bridge.scene_file.forms import (
-    CylinderScene,
-    Environment,
-    PatternScene,
-    RawScene,
-    SphereScene,
-    from_raw,
-)
+from dem_bridge.scene_file.forms import Environment, RawScene
 from dem_bridge.scene_file.impact import ImpactScene, from_impact
 from dem_bridge.scene_file.pattern import from_pattern
 from dem_bridge.scene_file.physical import from_cylinders, from_spheres
+from dem_bridge.scene_file.raw import from_raw
 from dem_bridge.version import advice_on_schema
 
 #: the two main examples: the paper's chains of figures 2 and 3

@@ -16,7 +16,7 @@ from dem_bridge.checked import LARGEST, MOST_BODIES, SMALLEST, checked_numbers
 from dem_bridge.errors import SceneError
 from dem_bridge.geometry import ANGLE, Body, Material, crossings
 from dem_bridge.scene import Scene, Wall
-from dem_bridge.scene_file import forms
+from dem_bridge.scene_file import body_forms, raw
 from dem_bridge.scene_file.bodies import chain, flat
 from dem_bridge.scene_file.physical import HERTZ, check_alone, normal_numbers, scattered, sphere_of, start_velocity
 
@@ -24,7 +24,7 @@ Materials = Mapping[str, Material]
 Bodies = tuple[Body, ...]
 
 
-def from_pattern(file: forms.PatternScene) -> Scene:
+def from_pattern(file: body_forms.PatternScene) -> Scene:
     """Return the Scene of the striker and the bodies of the pattern."""
     pattern, table = file.chain.pattern, file.chain.striker
     materials = dict(materials_of(file.materials))
@@ -39,7 +39,7 @@ def from_pattern(file: forms.PatternScene) -> Scene:
         angles=_angles(pattern, first, row),
         law=pattern.law,
         gap=gap if table is None else (table.gap, *gap),
-        **forms.in_common(file, (*first, *row)) | dict(_flat_walls(file, (*first, *row), materials)),
+        **raw.in_common(file, (*first, *row)) | dict(_flat_walls(file, (*first, *row), materials)),
     )
     if table is None:
         return scene
@@ -51,7 +51,7 @@ def from_pattern(file: forms.PatternScene) -> Scene:
 # bodies
 
 
-def materials_of(tables: Mapping[str, forms.MaterialTable]) -> Iterator[tuple[str, Material]]:
+def materials_of(tables: Mapping[str, body_forms.MaterialTable]) -> Iterator[tuple[str, Material]]:
     """Yield the materials of a file by name."""
     for name, table in tables.items():
         try:
@@ -72,7 +72,7 @@ def material_of(name: str | None, materials: Materials, where: str, also: Sequen
     return materials[name]
 
 
-def _body(table: forms.BodyTable, materials: Materials, where: str) -> Body:
+def _body(table: body_forms.BodyTable, materials: Materials, where: str) -> Body:
     """Return the body of a table."""
     material = material_of(table.material, materials, f"{where}.material")
     try:
@@ -81,12 +81,12 @@ def _body(table: forms.BodyTable, materials: Materials, where: str) -> Body:
         raise error.at("scene", f"{where}.{error.key.removeprefix('body.')}") from None
 
 
-def _cell(tables: Sequence[forms.BodyTable], materials: Materials, where: str) -> Bodies:
+def _cell(tables: Sequence[body_forms.BodyTable], materials: Materials, where: str) -> Bodies:
     """Return the bodies of a unit cell."""
     return tuple(_body(table, materials, f"{where}[{nth}]") for nth, table in enumerate(tables))
 
 
-def _row(pattern: forms.Pattern, materials: Materials) -> Bodies:
+def _row(pattern: body_forms.Pattern, materials: Materials) -> Bodies:
     """Return all bodies behind the striker, modified in the order that the module states."""
     _check_size(pattern)
     cells = [_cell(pattern.cell, materials, "pattern.cell")] * pattern.repeat
@@ -102,7 +102,7 @@ def _row(pattern: forms.Pattern, materials: Materials) -> Bodies:
     return row if pattern.disorder is None else _of_random_size(row, pattern.disorder)
 
 
-def _check_size(pattern: forms.Pattern) -> None:
+def _check_size(pattern: body_forms.Pattern) -> None:
     """Raise SceneError if the pattern has too many bodies; called before any of them exists."""
     first = pattern.repeat if pattern.step is None else min(pattern.step.first, pattern.repeat)
     count = first * len(pattern.cell)
@@ -125,7 +125,7 @@ def _tapered(cells: Sequence[Bodies], taper: float) -> Iterator[Bodies]:
         )
 
 
-def _decorated(row: Bodies, table: forms.Decorate, between: Body) -> Bodies:
+def _decorated(row: Bodies, table: body_forms.Decorate, between: Body) -> Bodies:
     """Return the row with ``between`` inserted behind each ``every``-th body except the last."""
     if table.every >= len(row):
         allowed = f"less than {len(row)}, the number of bodies, since a decoration is placed between two of them"
@@ -136,7 +136,7 @@ def _decorated(row: Bodies, table: forms.Decorate, between: Body) -> Bodies:
     return tuple(out)
 
 
-def _of_random_size(row: Bodies, table: forms.Disorder) -> Bodies:
+def _of_random_size(row: Bodies, table: body_forms.Disorder) -> Bodies:
     """Return the row with random radii, rounded to 9 digits.
 
     The radii use a random sequence of their own, so that no angle depends on them.
@@ -159,7 +159,7 @@ def _of_random_size(row: Bodies, table: forms.Disorder) -> Bodies:
 # angles, striker, walls
 
 
-def _angles(pattern: forms.Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] | None:
+def _angles(pattern: body_forms.Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] | None:
     """Return an angle for each contact of two cylinders; a striker's contact has the angle of the chain's first one."""
     of_chain, with_striker = len(crossings(row)), len(crossings((*first, *row[:1])))
     present = [key for key in ("angle", "angles") if getattr(pattern, key) is not None]
@@ -184,7 +184,7 @@ def _angles(pattern: forms.Pattern, first: Bodies, row: Bodies) -> tuple[float, 
     return (*of_striker, *angles)
 
 
-def _striker(table: forms.PatternStriker, first: Body, materials: Materials) -> Body:
+def _striker(table: body_forms.PatternStriker, first: Body, materials: Materials) -> Body:
     """Return the striker's body."""
     if table.exponent not in (None, HERTZ):
         allowed = f"{HERTZ}, since the contacts of a pattern are Hertz contacts"
@@ -198,10 +198,10 @@ def _striker(table: forms.PatternStriker, first: Body, materials: Materials) -> 
     return first
 
 
-def _flat_walls(file: forms.PatternScene, bodies: Bodies, materials: Materials) -> Iterator[tuple[str, Wall]]:
+def _flat_walls(file: body_forms.PatternScene, bodies: Bodies, materials: Materials) -> Iterator[tuple[str, Wall]]:
     """Yield the walls that are defined by their material."""
     for side, body in (("wall_left", bodies[0]), ("wall_right", bodies[-1])):
-        table: forms.PatternWall | None = getattr(file.chain, side)
+        table: body_forms.PatternWall | None = getattr(file.chain, side)
         if table is None:
             continue
         present = table.model_fields_set & {"stiffness", "material"}

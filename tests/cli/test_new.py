@@ -16,7 +16,8 @@ import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.cli.new import FORMS, template
 from dem_bridge.scene_file import parse_scene
-from dem_bridge.scene_file.forms import CylinderScene, PatternScene, RawScene, SphereScene
+from dem_bridge.scene_file.body_forms import CylinderScene, PatternScene, SphereScene
+from dem_bridge.scene_file.forms import RawScene
 from dem_bridge.scene_file.impact import ImpactScene
 from tests.helpers.command_line import choices
 
