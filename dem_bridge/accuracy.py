@@ -12,7 +12,8 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from dem_bridge.errors import NotAsymptotic, UsageError
+from dem_bridge.arguments import check_arguments
+from dem_bridge.errors import NotAsymptotic, UsageError, shown
 
 #: largest difference between the observed and the formal order that counts as clean
 ORDER_WINDOW = 0.1
@@ -77,6 +78,9 @@ def observed_order(dt: Sequence[float], error: Sequence[float], *, floor: float 
     >>> round(worse.order, 12), worse.sign, worse.turning_step
     (-2.0, -1, 9e-08)
     """
+    check_arguments(observed_order, locals())
+    if len(dt) != len(error) or not all(0.0 < step < math.inf for step in dt):
+        raise UsageError(f"{len(dt)} steps and {len(error)} errors; allowed: as many finite steps > 0 (s) as errors")
     used = sorted(((h, e) for h, e in zip(dt, error, strict=True) if math.isfinite(e) and e > floor), reverse=True)
     n, steps = len(used), tuple(h for h, _ in used)
     best = min(used, key=lambda point: (point[1], point[0]), default=(math.nan, math.nan))[0]
@@ -325,7 +329,7 @@ def checked_accuracy(accuracy: object) -> float:
     1e-06
     """
     if isinstance(accuracy, bool) or not isinstance(accuracy, int | float) or not 0.0 < accuracy < 1.0:
-        raise UsageError(f"accuracy = {accuracy!r}; allowed: a number between 0 and 1, such as 1e-6")
+        raise UsageError(f"accuracy = {shown(accuracy)}; allowed: a number between 0 and 1, such as 1e-6")
     return float(accuracy)
 
 

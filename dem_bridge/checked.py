@@ -89,7 +89,7 @@ def checked_number(
     SceneError
         If the value is not a number in the allowed range.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+    if isinstance(value, bool | np.timedelta64) or not isinstance(value, int | float | np.integer | np.floating):
         raise SceneError(key, value=value, allowed=allowed)
     try:
         number = float(value)
@@ -144,7 +144,8 @@ def checked_numbers(
         values = np.asarray(values)
         if values.ndim != 1:
             raise SceneError(key, problem=f"has the shape {values.shape}", allowed=a_list)
-    if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray):
+    # the entries of bytes are whole numbers
+    if isinstance(values, str | bytes | bytearray | memoryview) or not isinstance(values, Sequence | np.ndarray):
         raise SceneError(key, value=values, allowed=a_list)
     if count is not None and len(values) != count:
         raise SceneError(key, problem=f"has {len(values)} entries", allowed=f"{count}, one per {per}")

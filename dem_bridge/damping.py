@@ -89,11 +89,11 @@ def checked_damping(damping: Damping, exponent: Floats, *, adhesion: bool) -> Da
         If an entry is invalid.
     """
     law, by_restitution = damping_law(damping.law), damping.law in BY_RESTITUTION
-    clip = damping.clip and not (adhesion and damping._clip_by_default)
-    if not isinstance(clip, bool):
+    if not isinstance(damping.clip, bool):
         raise SceneError(
             "damping.clip", value=damping.clip, allowed="true or false; default: true, with adhesion false"
         )
+    clip = damping.clip and not (adhesion and damping._clip_by_default)
     if adhesion and clip:
         problem = "= True, but contacts have adhesion, which a clip would remove"
         raise SceneError("damping.clip", problem=problem, allowed="false, the default with adhesion")

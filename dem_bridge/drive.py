@@ -76,7 +76,9 @@ class Drive:
             raise SceneError("drive.shape", value=self.shape, allowed=" or ".join(KEYS))
         keys = KEYS[self.shape]
         for item in fields(self):
-            if item.name not in ("shape", "force", *keys) and getattr(self, item.name) != item.default:
+            value = getattr(self, item.name)
+            unset = value is item.default or (isinstance(value, int | float) and value == item.default)
+            if item.name not in ("shape", "force", *keys) and not unset:
                 problem = f"does not apply to shape = {self.shape!r}, only to {_owners(item.name)}"
                 raise SceneError(f"drive.{item.name}", problem=problem, allowed=", ".join(("force", *keys)))
         for key in keys:

@@ -55,6 +55,14 @@ class UsageError(DemBridgeError, ValueError):
     """A name, keyword or setting does not exist or does not fit."""
 
 
+def shown(value: object) -> str:
+    """Return a value as text; a number with thousands of digits or a deeply nested list only by its type."""
+    try:
+        return repr(value)
+    except (ValueError, RecursionError):
+        return f"a {type(value).__name__} that is too long to be shown"
+
+
 class SceneError(DemBridgeError, ValueError):
     """A scene is invalid; ``key`` and ``where`` name the entry and the file.
 
@@ -91,7 +99,7 @@ class SceneError(DemBridgeError, ValueError):
     ) -> None:
         self.key, self.value, self.problem, self.allowed = key, value, problem, allowed
         self.advice, self.where = advice, where
-        text = problem or f"= {_shown(value)}"
+        text = problem or f"= {shown(value)}"
         parts = [f"{where}: {key} {text}" if key else f"{where}: {text}", f"allowed: {allowed}"]
         super().__init__("; ".join(parts + ([advice] if advice else [])))
 
@@ -100,14 +108,6 @@ class SceneError(DemBridgeError, ValueError):
         return SceneError(
             key, allowed=self.allowed, value=self.value, problem=self.problem, advice=self.advice, where=where
         )
-
-
-def _shown(value: object) -> str:
-    """Return a value as text; a number with thousands of digits or a deeply nested list only by its type."""
-    try:
-        return repr(value)
-    except (ValueError, RecursionError):
-        return f"a {type(value).__name__} that is too long to be shown"
 
 
 class BlockedScript(SceneError):

@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
+from dem_bridge.arguments import is_path
 from dem_bridge.errors import UsageError
 from dem_bridge.leftovers import owned, sweep
 
@@ -95,6 +96,8 @@ def named_file(folder: Path, name: str, below: str | Path | None = None) -> Path
 
 def check_file(path: Path) -> None:
     """Raise UsageError unless a file can be written at ``path``; devices and folders are never replaced."""
+    if not is_path(path):
+        raise UsageError(f"{path}: no file can have this name; allowed: at most 255 bytes, without NUL")
     if path.exists() and not path.is_file():
         raise UsageError(f"{path}: is not a regular file; allowed: a new file, or a file to replace")
     if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):

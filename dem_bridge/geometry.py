@@ -90,7 +90,7 @@ class Body:
     height: float | None = None
 
     def __post_init__(self) -> None:
-        if self.shape not in SHAPES:
+        if not isinstance(self.shape, str) or self.shape not in SHAPES:
             raise SceneError("body.shape", value=self.shape, allowed=" or ".join(SHAPES))
         if not isinstance(self.material, Material):
             raise SceneError("body.material", value=self.material, allowed="a Material")
@@ -135,7 +135,7 @@ class Geometry:
         if not isinstance(self.bodies, tuple | list) or not all(isinstance(body, Body) for body in self.bodies):
             raise SceneError("geometry.bodies", problem="is not a list of bodies", allowed="a tuple of Body")
         object.__setattr__(self, "bodies", tuple(self.bodies))
-        if self.law not in LAWS:
+        if not isinstance(self.law, str) or self.law not in LAWS:
             raise SceneError("geometry.law", value=self.law, allowed=" or ".join(LAWS))
         if self.angles is not None and self.stiffness is not None:
             raise SceneError("geometry", problem="has both angles and stiffness", allowed="one of the two")

@@ -220,7 +220,7 @@ class Scene:
         adhesion = self.adhesion
         if adhesion is None:
             return None
-        if adhesion.law not in ADHESION_LAWS:
+        if not isinstance(adhesion.law, str) or adhesion.law not in ADHESION_LAWS:
             raise SceneError("adhesion.law", value=adhesion.law, allowed=" or ".join(ADHESION_LAWS))
         key, per = "adhesion.pull_off", "contact, walls included"
         allowed = "a number >= 0 (N)"

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.arguments import check_arguments, is_path
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_file
 from dem_bridge.stopwatch import Stopwatch
@@ -221,13 +222,15 @@ class Trajectory(_ReadOnly):
     provenance: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        n_t, n_body, n_contact = len(self.time), self.velocity.shape[-1], len(self.peak_force)
+        check_arguments(type(self), vars(self))
+        arrays = {name: _array(name, getattr(self, name)) for name in ("time", *VOCABULARY)}
+        last = {name: (0, *array.shape)[-1] for name, array in arrays.items()}
+        n_t, n_body, n_contact = last["time"], last["velocity"], last["peak_force"]
         sizes = {"time": n_t, "body": n_body, "contact": n_contact}
-        for name in ("time", *VOCABULARY):
-            array = np.array(getattr(self, name), dtype=np.float64)
+        for name, array in arrays.items():
             dims = VOCABULARY[name][2] if name in VOCABULARY else ("time",)
             if array.shape != (expected := tuple(sizes[d] for d in dims)):
-                raise ValueError(f"{name} has shape {array.shape}; a trajectory needs {expected}")
+                raise UsageError(f"{name} has shape {array.shape}; a trajectory needs {expected}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         object.__setattr__(self, "uncertainty", self.uncertainty.of_contacts(n_contact))
@@ -312,6 +315,7 @@ class Trajectory(_ReadOnly):
         UsageError
             If the file cannot be written.
         """
+        check_arguments(Trajectory.save, {"self": self, "path": path})
         path = Path(path)
         check_file(path)
         part = path.with_name(f"{path.name}.{os.getpid()}.part")
@@ -322,6 +326,17 @@ class Trajectory(_ReadOnly):
             raise UsageError(f"{path}: cannot be written ({error}); give another file") from error
         finally:
             part.unlink(missing_ok=True)
+
+
+def _array(name: str, values: Any) -> Floats:
+    """Return a copy of an array of real numbers, or raise UsageError."""
+    try:
+        if np.asarray(values).dtype.kind in "biuf":
+            with np.errstate(over="ignore"):
+                return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):  # lists of unequal lengths
+        pass
+    raise UsageError(f"{name} is of type {type(values).__name__}; allowed: an array of real numbers")
 
 
 def own_scale(values: Floats) -> Floats:
@@ -376,8 +391,9 @@ def load_trajectory(path: str | Path) -> Trajectory:
     """
     from dem_bridge.netcdf import read_netcdf
 
+    check_arguments(load_trajectory, locals())
     path = Path(path)
-    if not path.exists():
+    if not is_path(path) or not path.exists():
         raise UsageError(f"{path}: no such file; allowed: a .nc file written by Trajectory.save")
     try:
         contents = read_netcdf(path)

@@ -23,7 +23,7 @@ ROOT = PACKAGE.parent
 
 #: layer -> modules and packages in it; a package's modules may import each other
 LAYERS = {
-    1: ("errors", "accuracy", "leftovers", "progress", "stopwatch", "version"),
+    1: ("errors", "arguments", "accuracy", "leftovers", "progress", "stopwatch", "version"),
     2: (
         "physics",
         "files",
@@ -78,6 +78,8 @@ SIDEWAYS = {
     ("verification", "campaign"): "a verification lists cases and takes results",
     ("studies", "measurement"): "a study presents the comparison with a measurement",
     ("accuracy", "errors"): "an accuracy that is none is a UsageError",
+    ("accuracy", "arguments"): "observed_order is public, and its arguments are checked",
+    ("arguments", "errors"): "they are what it raises",
 }
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dem_bridge.arguments import check_arguments
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import scene_of
@@ -92,6 +93,7 @@ def ensemble(
     >>> chains.table.shape, chains.quantiles("arrival_at_end").shape
     ((16, 163), (3,))
     """
+    check_arguments(ensemble, locals())
     from dem_bridge.ensembles.draw import Variation
     from dem_bridge.ensembles.run import run_ensemble
 

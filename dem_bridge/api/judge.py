@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeGuard, cast
 
+from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.readers.source import File, with_step
@@ -101,6 +102,7 @@ def judge(
     >>> judgement.outcome, f"{judgement.order['velocity']['value']:.2f}"
     ('PASS', '2.00')
     """
+    check_arguments(judge, locals())
     from dem_bridge.judging.beside import judge_command, judge_files
     from dem_bridge.judging.deck import is_deck
 
@@ -117,7 +119,7 @@ def judge(
     if dt is not None:
         if not isinstance(dt, int | float) or len(paths) != 1:
             raise UsageError(f"dt = {dt!r} was given for {len(paths)} files; give each file its own time step, FILE@DT")
-        paths = [(paths[0][0], float(dt))]
+        paths = [with_step((paths[0][0], dt))]
     decks = [path for path, _ in paths if is_deck(path)]
     for path, step in paths:
         if path in decks and step is not None:

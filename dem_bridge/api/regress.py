@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dem_bridge.accuracy import checked_accuracy
+from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.engine import Engine
@@ -100,6 +101,7 @@ def regress(
     >>> [(run.comparisons[0].change.value, run.exit_code) for run in (first, second)]
     [('NEW', 0), ('SAME', 0)]
     """
+    check_arguments(regress, locals())
     from dem_bridge.campaign import jobs_of
     from dem_bridge.regression.run import Selection, compare_engines, regress_scenes, with_since
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dem_bridge.accuracy import checked_accuracy
+from dem_bridge.arguments import check_arguments
 from dem_bridge.backends.base import (
     BACKENDS,
     ENGINE_BACKENDS,
@@ -19,7 +20,7 @@ from dem_bridge.backends.base import (
     unsupported_reason,
 )
 from dem_bridge.backends.prescan import interpretable
-from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.errors import UnsupportedScene, UsageError, shown
 from dem_bridge.files import write_whole
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.cache import RunCache
@@ -134,6 +135,9 @@ def solve(
     >>> run.velocity.shape, f"{1e3 * run.crossing_time[-1]:.2f} ms", run.uncertainty["velocity"] < 4e-4
     ((501, 41), '0.55 ms', True)
     """
+    resolution = _resolution(locals())
+    _check_settings(dt, accuracy, order, uncertainty)
+    check_arguments(solve, locals())
     scene = scene_of(scene)
     _refuse_unknown(solve, unknown)
     sampling = _sampling(scene, samples)
@@ -141,8 +145,6 @@ def solve(
         backend = _cheapest(scene, accuracy, sampling)
     lammps = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
     solver = _backend(backend, lammps)
-    resolution = _resolution(locals())
-    _check_settings(dt, accuracy, order, uncertainty)
     if reason := unsupported_reason(solver, scene):
         raise UnsupportedScene(f"{solver.name} cannot do {scene.name}: {reason}")
     if backend in ENGINE_BACKENDS and not interpretable(scene):
@@ -229,6 +231,7 @@ def plan(
     >>> 5e-4 < found.found_error < 1e-3, found.units["dt"] <= found.resolution["dt"]
     (True, True)
     """
+    check_arguments(plan, locals())
     from dem_bridge.planning.planner import plan_for
 
     scene = scene_of(scene)
@@ -295,6 +298,9 @@ def write_deck(
     ...     print(*(path.name for path in db.write_deck("decelerating-40", folder, dt=1e-7)))
     in.decelerating-40 data.decelerating-40
     """
+    resolution = _resolution(locals())
+    _check_settings(dt, accuracy)
+    check_arguments(write_deck, locals())
     from dem_bridge.backends.lammps import LammpsGranular
 
     styles = [name.removeprefix("lammps-") for name in ENGINE_BACKENDS]
@@ -302,10 +308,8 @@ def write_deck(
         raise UsageError(f"style = {style!r}; allowed: {' or '.join(styles)}")
     _refuse_unknown(write_deck, unknown)
     scene = scene_of(scene)
-    _check_settings(dt, accuracy)
     writer, sampling = _backend(f"lammps-{style}"), _sampling(scene, samples)
     assert isinstance(writer, LammpsGranular)
-    resolution = _resolution(locals())
     if accuracy is not None:
         resolution = _resolution_for(scene, writer, accuracy, resolution, sampling)
     deck = writer.deck(scene, resolution, sampling)
@@ -391,7 +395,7 @@ def _refuse_unknown(function: Any, unknown: dict[str, object]) -> None:
 def _check_settings(dt: object, accuracy: object, order: object = None, uncertainty: object = True) -> None:
     """Raise UsageError for settings that contradict each other or are none of the allowed ones."""
     if not isinstance(uncertainty, bool):
-        raise UsageError(f"uncertainty = {uncertainty!r}; allowed: True or False")
+        raise UsageError(f"uncertainty = {shown(uncertainty)}; allowed: True or False")
     if accuracy is not None:
         checked_accuracy(accuracy)
         if not uncertainty:
@@ -400,8 +404,8 @@ def _check_settings(dt: object, accuracy: object, order: object = None, uncertai
             )
         if dt is not None:
             raise UsageError("dt and accuracy are both given; give one: the other follows from it")
-    if order not in (None, "richardson"):
-        raise UsageError(f"order = {order!r}; allowed: 'richardson'")
+    if order is not None and not (isinstance(order, str) and order == "richardson"):
+        raise UsageError(f"order = {shown(order)}; allowed: 'richardson'")
 
 
 def _check_accuracy(solver: Backend, scene: Scene, run: Trajectory, accuracy: float) -> None:

@@ -7,6 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import OF_DAMAGED_DATA, DemBridgeError, SceneError, UsageError
 from dem_bridge.files import text_of_file
 from dem_bridge.scene import Scene
@@ -69,6 +70,7 @@ def scene_from_csv(
     >>> scene.name, scene.mass, scene.stiffness, scene.gravity
     ('pair', (0.008, 0.01), (4000000000.0,), 9.81)
     """
+    check_arguments(scene_from_csv, locals())
     from dem_bridge.exports.scene_csv import scene_of_csv
     from dem_bridge.lmp.reader.scene import scene_name
 
@@ -150,6 +152,7 @@ def scene_from_deck(
     >>> scene.content_hash == db.load_scene("decelerating-40").content_hash
     True
     """
+    check_arguments(scene_from_deck, locals())
     return deck_read(
         Path(path),
         name=name,

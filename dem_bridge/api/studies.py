@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_folder
 from dem_bridge.lmp.engine import Engine
@@ -85,6 +86,7 @@ def study(
     >>> result.id, result.exit_code, [table.id for table in result.tables]
     ('scatter', 0, ['scatter', 'along-the-chain', 'tolerances'])
     """
+    check_arguments(study, locals())
     from dem_bridge.campaign import jobs_of
     from dem_bridge.studies.catalogue import study_named
 
@@ -178,6 +180,7 @@ def minimal(
     >>> light.name, light.wall_right, light.description.split("; ")[1]
     ('decelerating-40-on-base.least', None, 'without the base, at 1 %')
     """
+    check_arguments(minimal, locals())
     from dem_bridge.studies.model_hierarchy.models import least_scene
 
     scene = scene_of(scene)

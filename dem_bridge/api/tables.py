@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_file, write_whole
 from dem_bridge.scene import Scene
@@ -67,6 +68,7 @@ def export(
     | 30 | 1.0068 |
     | 90 | 1.0000 |
     """
+    check_arguments(export, locals())
     return export_table(scene, table=table, format=format, path=path, columns=columns, **settings)[1]
 
 
@@ -134,6 +136,7 @@ def table_of(scene: Scene | str | Path, table: str, *, with_run: bool = True, **
     >>> db.table_of("decelerating-40", "contacts", with_run=False).to_pandas()["angle_deg"].round(3)[1:4].tolist()
     [2.0, 2.054, 2.112]
     """
+    check_arguments(table_of, locals())
     from dem_bridge.api.runs import solve
     from dem_bridge.exports.tables import table_named
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_file, write_whole
 from dem_bridge.scene import Scene
@@ -60,6 +61,7 @@ def write_trajectory(
     >>> bool((again.velocity == run.velocity).all()), again.uncertainty["velocity"]
     (True, inf)
     """
+    check_arguments(write_trajectory, locals())
     from dem_bridge.exports.trajectories import format_of, text_of
 
     path = Path(path)
@@ -126,6 +128,7 @@ def read_trajectory(
     >>> run.velocity[1].tolist(), run.provenance["assumed"][0]
     ([0.0, 0.7], 'displacements are relative to the first frame')
     """
+    check_arguments(read_trajectory, locals())
     from dem_bridge.exports.trajectories import SUFFIXES, format_of
     from dem_bridge.readers.arrays import own_netcdf
     from dem_bridge.readers.trajectories import read
@@ -183,6 +186,7 @@ def compare(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -
     >>> velocity.quantity, velocity.value < 1e-2, comparison.divergence is not None
     ('velocity', True, True)
     """
+    check_arguments(compare, locals())
     from dem_bridge.differences import compare_runs
 
     return compare_runs(run, reference, tolerance)

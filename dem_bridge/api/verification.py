@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dem_bridge.accuracy import checked_accuracy
+from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_folder, write_whole
 from dem_bridge.lmp.engine import Engine
@@ -89,6 +90,7 @@ def verify(
     >>> found.exit_code, found.verdicts[0].quantity, found.verdicts[0].outcome.value
     (0, 'velocity', 'PASS')
     """
+    check_arguments(verify, locals())
     from dem_bridge.campaign import jobs_of
     from dem_bridge.runs.store import Store
     from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes

@@ -24,9 +24,10 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.arguments import is_number
 from dem_bridge.backends.catalogue import BACKENDS as BACKENDS
 from dem_bridge.backends.catalogue import ENGINE_BACKENDS as ENGINE_BACKENDS
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import UsageError, shown
 from dem_bridge.restitution import impact_facts
 from dem_bridge.scene import Scene
 from dem_bridge.support import Support
@@ -94,18 +95,18 @@ class Resolution:
         for key, (low, high, whole) in LIMITS.items():
             if (value := getattr(self, key)) is not None:
                 _check_number(key, value, low, high, whole=whole)
+                object.__setattr__(self, key, int(value) if whole else float(value))
         for key, choices in CHOICES.items():
             value = getattr(self, key)
-            if value not in choices or type(value) is not type(choices[0]):
-                raise UsageError(f"{key} = {value!r}; allowed: {' or '.join(map(repr, choices))}")
+            if type(value) is not type(choices[0]) or value not in choices:
+                raise UsageError(f"{key} = {shown(value)}; allowed: {' or '.join(map(repr, choices))}")
 
 
-def _check_number(key: str, value: object, low: float, high: float, *, whole: bool) -> None:
+def _check_number(key: str, value: Any, low: float, high: float, *, whole: bool) -> None:
     """Raise UsageError unless a value is a number within the limits."""
-    kinds = int | np.integer if whole else int | float | np.integer | np.floating
-    if isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high:
+    if not is_number(value, whole=whole) or not low <= (int if whole else float)(value) <= high:
         limits = f"a whole number from {low} to {high}" if whole else f"a number from {low:g} to {high:g}"
-        raise UsageError(f"{key} = {value!r}; allowed: {limits}")
+        raise UsageError(f"{key} = {shown(value)}; allowed: {limits}")
 
 
 @dataclass(frozen=True, kw_only=True)

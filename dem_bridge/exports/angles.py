@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
 from dem_bridge.exports.parameters import NOTES, origin
 from dem_bridge.exports.table import Table, tabulate
@@ -93,9 +94,10 @@ def angles_for(
     >>> solution.angle.round(3), solution.tolerance.round(3)
     (array([ 1.648,  7.962, 90.   ]), array([0.019, 0.1  , 9.871]))
     """
+    check_arguments(angles_for, locals())
     if not 0.0 < within < 1.0:
         raise UsageError(f"within = {within!r}; allowed: a number above 0 and below 1")
-    required = [stiffness] if isinstance(stiffness, int | float) else list(stiffness)
+    required = [stiffness] if not isinstance(stiffness, Iterable) else list(stiffness)
     pair = Cylinders(radius=radius, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio, law=law)
     solutions = []
     for k, value in enumerate(required):

@@ -16,7 +16,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from dem_bridge.errors import BackendUnavailable, UsageError
+from dem_bridge.arguments import is_path
+from dem_bridge.errors import BackendUnavailable, UsageError, shown
 
 #: environment variable with the path of a binary, used if neither ``lmp`` nor ``python`` is given
 VARIABLE = "DEM_BRIDGE_LMP"
@@ -68,7 +69,7 @@ class Engine:
                 object.__setattr__(self, key, _executable(key, path))
         object.__setattr__(self, "lmp_args", _arguments(self.lmp_args))
         if isinstance(self.ranks, bool) or not isinstance(self.ranks, int) or not 1 <= self.ranks <= 100_000:
-            raise UsageError(f"ranks = {self.ranks!r}; allowed: a whole number from 1 to 100000")
+            raise UsageError(f"ranks = {shown(self.ranks)}; allowed: a whole number from 1 to 100000")
 
     @classmethod
     def chosen(cls, **settings: Any) -> Engine:
@@ -221,8 +222,8 @@ def remedy(text: str) -> str:
 
 def _executable(key: str, value: object) -> Path:
     """Return the path of an executable file, or raise UsageError."""
-    if not isinstance(value, str | Path):
-        raise UsageError(f"{key} = {value!r}; allowed: the path of an executable file")
+    if not isinstance(value, str | Path) or not is_path(value):
+        raise UsageError(f"{key} = {shown(value)}; allowed: the path of an executable file")
     path = Path(value).expanduser()
     if not path.is_absolute() and path.name == str(value):
         path = Path(shutil.which(path.name) or path)
@@ -240,9 +241,9 @@ def _arguments(value: object) -> tuple[str, ...]:
     try:
         words = shlex.split(value) if isinstance(value, str) else value
     except ValueError as error:
-        raise UsageError(f"lmp_args = {value!r}: {error}; allowed: words as in a shell") from error
+        raise UsageError(f"lmp_args = {shown(value)}: {error}; allowed: words as in a shell") from error
     if not isinstance(words, list | tuple) or not all(isinstance(word, str) and "\0" not in word for word in words):
-        raise UsageError(f"lmp_args = {value!r}; allowed: a string, or a list of strings")
+        raise UsageError(f"lmp_args = {shown(value)}; allowed: a string, or a list of strings")
     for word in words:
         if word.startswith("-") and word.lstrip("-") in _TAKEN:
             raise UsageError(f"lmp_args has {word}, which dem_bridge sets itself; allowed: -sf, -pk, -k, -v, -nonbuf")

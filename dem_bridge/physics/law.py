@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from dem_bridge.physics.contact import Floats
+from dem_bridge.physics.valid import above, number
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,9 @@ def law_of(force: Callable[[Floats], Floats], *, reach: float, kinks: Iterable[f
     >>> bool(abs(law.energy(np.array([1e-5]))[0] / exact - 1) < 1e-13)
     True
     """
-    kinks = tuple(kinks)
+    reach, kinks = above(0.0, "reach", reach, "m"), tuple(number("kinks", kink, "m") for kink in kinks)
+    if not callable(force):
+        raise ValueError(f"force = {force!r}; allowed: an array function of the overlap (m)")
     # powers of 1/2 in addition: where an overlap is at least half of a panel's end, any power has full precision
     edges = np.union1d(clustered(reach, kinks, 200), reach * 2.0 ** -np.arange(60.0))
     node, weight = np.polynomial.legendre.leggauss(10)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from dem_bridge.checked import LARGEST, SMALLEST
 from dem_bridge.errors import UsageError
 from dem_bridge.files import MOST_BYTES, opened
 
@@ -87,8 +88,9 @@ def with_step(file: File) -> tuple[Path, float | None]:
         path, step = Path(name), math.nan
         with suppress(ValueError):
             step = float(text)
-    if step is not None and not 0.0 < step < math.inf:
+    if step is not None and not SMALLEST <= step <= LARGEST:
         raise UsageError(
-            f"{file}: the time step is not a number above 0; give FILE@DT with DT in s, such as {path}@1e-7"
+            f"{path}: the time step is not a number from {SMALLEST:g} to {LARGEST:g};"
+            f" give FILE@DT with DT in s, such as {path}@1e-7"
         )
     return path, step

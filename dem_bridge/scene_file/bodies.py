@@ -134,7 +134,8 @@ def flat(material: Material, body: Body, side: str, gap: float = 0.0) -> Wall:
 
 def _checked_bodies(bodies: Iterable[Body], striker: Body | None) -> tuple[tuple[Body, ...], tuple[Body, ...]]:
     """Return the row without the striker, and all bodies."""
-    row = tuple(bodies) if isinstance(bodies, Iterable) else ()
+    # an array without dimensions has an iterator that raises an error
+    row = tuple(bodies) if isinstance(bodies, Iterable) and getattr(bodies, "ndim", None) != 0 else ()
     if not row or not all(isinstance(body, Body) for body in row):
         raise SceneError("bodies", problem="is not a list of bodies", allowed="one Body or more, struck end first")
     if not isinstance(striker, Body | None):

@@ -20,6 +20,7 @@ from typing import Any, Literal, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import SceneError, UsageError
 from dem_bridge.files import text_of_file
 from dem_bridge.scene import Scene
@@ -65,6 +66,7 @@ def shipped_scenes(kind: Literal["chain", "benchmark", "all"] = "chain") -> tupl
     >>> shipped_scenes("benchmark")[:3]
     ('bouncing-ball', 'chung-ooi-1-glass', 'chung-ooi-1-limestone')
     """
+    check_arguments(shipped_scenes, locals())
     if kind == "all":
         return tuple(name for one_kind in _FOLDERS for name in shipped_scenes(one_kind))
     if kind not in _FOLDERS:
@@ -100,6 +102,7 @@ def load_scene(source: str | Path, *, files_below: str | Path | None = None) -> 
     72729932838.4
     """
     text, where, folder = _text_of(source)
+    check_arguments(load_scene, locals())
     return parse_scene(text, where=where, folder=folder, files_below=files_below)
 
 
