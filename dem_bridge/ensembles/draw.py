@@ -110,9 +110,9 @@ class Variation:
                 raise UsageError(f"vary has the key {key!r}; allowed: {', '.join(VARIED)}")
             meaning, most = VARIED[key]
             number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not (number and 0.0 < value <= most and value < math.inf):
+            if not (number and 0.0 <= value <= most and value < math.inf):
                 upper = "" if most == math.inf else f" and at most {most:g}"
-                raise UsageError(f"vary[{key!r}] = {value!r}; allowed: a number above 0{upper} ({meaning})")
+                raise UsageError(f"vary[{key!r}] = {value!r}; allowed: a number >= 0{upper} ({meaning})")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
             raise UsageError(f"seed = {self.seed!r}; allowed: a whole number >= 0")
         if self.sampler not in SAMPLERS:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+_UNITS = {name: REGISTRY[name].unit for name in OBSERVABLES}
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ensemble:
@@ -66,6 +68,13 @@ class Ensemble:
             if len(failures) < len(rows):
                 chains = rows[rows["failure"] == ""]["chain"].nunique()
                 parts.append(f"{chains} chains by {code} differ by at most {rows['difference'].max():.1e}")
+            beyond = rows[rows["difference"] > self.accuracy + rows["uncertainty"]]
+            if len(beyond):
+                names = ", ".join(beyond["observable"].unique())
+                parts.append(
+                    f"{beyond['chain'].nunique()} of these chains disagree: {names} differ by more than the accuracy"
+                    f" {self.accuracy:g} and the uncertainty of {code}"
+                )
         return "; ".join(parts) or "no chain was checked by another code"
 
     def quantiles(self, observable: str, q: Sequence[float] = (0.05, 0.5, 0.95)) -> Floats:
@@ -111,7 +120,16 @@ class Ensemble:
         for name, axis in OBSERVABLES.items():
             values = self.values[name]
             columns |= {name: values} if not axis else {f"{name}_{k}": values[:, k] for k in range(values.shape[1])}
-        return pd.DataFrame(columns, index=pd.RangeIndex(len(self), name="chain"))
+        frame = pd.DataFrame(columns, index=pd.RangeIndex(len(self), name="chain"))
+        frame.attrs = self._attributes | {"units": _UNITS}
+        return frame
+
+    @property
+    def _attributes(self) -> dict[str, object]:
+        """Scene, seed and variation, for the attributes of frames and Datasets."""
+        scene = self.variation.scene
+        named = {"scene": scene.name, "scene_hash": scene.content_hash, "seed": self.variation.seed}
+        return named | {f"vary_{key}": value for key, value in self.variation.vary.items()}
 
     @property
     def long_table(self) -> pd.DataFrame:
@@ -121,14 +139,17 @@ class Ensemble:
         parts = []
         for name in OBSERVABLES:
             values = self.values[name].reshape(len(self), -1)
-            places = np.arange(values.shape[1]) if OBSERVABLES[name] else np.array([-1])
-            chain = np.repeat(np.arange(len(self)), values.shape[1])
-            parts.append(
-                pd.DataFrame(
-                    {"chain": chain, "observable": name, "place": np.tile(places, len(self)), "value": values.ravel()}
-                )
-            )
-        return pd.concat(parts, ignore_index=True)
+            places = np.arange(values.shape[1], dtype=np.int32) if OBSERVABLES[name] else np.array([-1], dtype=np.int32)
+            columns = {
+                "chain": np.repeat(np.arange(len(self), dtype=np.int32), values.shape[1]),
+                "observable": pd.Categorical([name], OBSERVABLES).repeat(values.size),
+                "place": np.tile(places, len(self)),
+                "value": values.ravel(),
+            }
+            parts.append(pd.DataFrame(columns))
+        frame = pd.concat(parts, ignore_index=True)
+        frame.attrs = self._attributes | {"units": _UNITS}
+        return frame
 
     def to_xarray(self) -> xr.Dataset:
         """Return all values as an xarray Dataset with the dimensions chain, body, contact and sample."""
@@ -138,6 +159,4 @@ class Ensemble:
         for name, values in self.values.items():
             axes = ("sample", "body") if name == "velocity" else (OBSERVABLES[name],) if OBSERVABLES[name] else ()
             data[name] = xr.DataArray(values, dims=("chain", *axes), attrs={"units": REGISTRY[name].unit})
-        scene = self.variation.scene
-        attributes = {"scene": scene.name, "scene_hash": scene.content_hash, "seed": self.variation.seed}
-        return xr.Dataset(data, attrs=attributes | {f"vary_{key}": v for key, v in self.variation.vary.items()})
+        return xr.Dataset(data, attrs=self._attributes)

@@ -46,7 +46,7 @@ _SAFETY_OF_SAMPLES = 3.0
 #: least closing rate at which a touch is corrected, of the speed of the chain
 _SLOW = 1e-6
 #: most steps of a chain
-_MOST_STEPS = 10_000_000
+_MOST_STEPS = 1_000_000
 
 
 def check_solvable(scene: Scene) -> None:

@@ -158,7 +158,8 @@ def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVeloci
         turning = np.flatnonzero(ok & (a[early, bodies] > 0.0) & (a[late, bodies] < 0.0))
         if len(turning):
             moved = _maximum(trajectory, v[:, turning], a[:, turning], time[early[turning]], time[late[turning]])
-            higher = moved[1] > peak[turning]
+            # after the crossing within this interval the body may still gain velocity, which does not count
+            higher = (moved[1] > peak[turning]) & (moved[0] <= until[turning])
             which = turning[higher]
             when[which], peak[which], sampling[which] = (item[higher] for item in moved)
             fall = (a[early, bodies] - a[late, bodies])[turning] / (time[late] - time[early])[turning]

@@ -81,6 +81,7 @@ def study_sensitivity(
         raise UsageError(f"vary = {vary!r}; allowed: {', '.join(VARIED)}")
     check_setting("effect", effect, "a relative standard deviation above 0, up to 1", most=1.0)
     size = _SPREADS[vary] if spread is None else spread
+    check_setting("spread", size, "a standard deviation above 0: degrees, relative, or m")
     variation = Variation(scene=scene, vary={vary: size}, seed=seed)
     links = scene.n_body - 1
 

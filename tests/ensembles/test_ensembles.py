@@ -10,8 +10,10 @@ import pytest
 from scipy.stats import kstest
 
 import dem_bridge as db
-from dem_bridge.ensembles import run
+from dem_bridge.ensembles import run, solve
 from dem_bridge.ensembles.draw import BLOCK, Variation
+from dem_bridge.ensembles.lanes import march
+from dem_bridge.ensembles.run import CHECKS
 from dem_bridge.ensembles.solve import OBSERVABLES, difference, solve_chains, steps_for
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.registry import observable_named
@@ -129,6 +131,28 @@ def test_results_do_not_depend_on_the_executor(monkeypatch: pytest.MonkeyPatch) 
     assert len(alone) == 20
 
 
+def test_the_first_chains_of_a_larger_ensemble_are_the_same() -> None:
+    few, many = (db.ensemble(FIVE, vary={"mass": 0.1}, n=n, seed=4, checks=0).table for n in (3, 40))
+    assert few.to_csv() == many[:3].to_csv()
+
+
+def test_chains_without_scatter_are_the_scene() -> None:
+    chains = db.ensemble(FIVE, vary={"mass": 0.0, "gap": 0.0}, n=2, checks=0)
+    exact = db.solve(FIVE, backend="reference", uncertainty=False)
+    assert chains.values["peak_force"] == pytest.approx(np.tile(exact.peak_force, (2, 1)), rel=1e-4)
+
+
+@pytest.mark.lammps
+def test_a_fault_of_the_kernel_is_named_by_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stiffer(mass: object, velocity: object, weight: object, stiffness: float, *more: object) -> object:
+        return march(mass, velocity, weight, 1.001 * stiffness, *more)
+
+    monkeypatch.setattr(solve, "march", stiffer)
+    chains = db.ensemble(FIVE, vary={"mass": 0.1}, n=3, checks=1)
+    for code in CHECKS:
+        assert f"the accuracy 0.0001 and the uncertainty of {code}" in chains.agreement
+
+
 @pytest.mark.lammps
 def test_an_ensemble_can_be_read_in_every_form(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "_IN_MEMORY", 100)  # arrays above are files
@@ -136,6 +160,9 @@ def test_an_ensemble_can_be_read_in_every_form(monkeypatch: pytest.MonkeyPatch) 
     table, long, data = chains.table, chains.long_table, chains.to_xarray()
     assert table.shape == (12, 1 + 6 + 5 + 5 + 6)
     assert len(long) == table.size
+    assert [str(kind) for kind in long.dtypes] == ["int32", "category", "int32", "float64"]
+    assert table.attrs["units"]["peak_force"] == long.attrs["units"]["peak_force"] == "N"
+    assert (table.attrs["scene"], table.attrs["vary_mass"]) == ("five", 0.1)
     assert set(long["observable"]) == set(OBSERVABLES)
     assert data["velocity"].dims == ("chain", "sample", "body")
     assert data["peak_force"].attrs == {"units": "N"}
@@ -144,7 +171,9 @@ def test_an_ensemble_can_be_read_in_every_form(monkeypatch: pytest.MonkeyPatch) 
     rows = chains.checked[chains.checked["code"] == "reference"]
     assert set(rows["observable"]) == set(OBSERVABLES)
     assert rows["difference"].max() < 1e-4
+    assert rows["uncertainty"].max() < 1e-6
     assert "1 chains by reference differ by at most" in repr(chains)
+    assert "disagree" not in chains.agreement
 
 
 @pytest.mark.parametrize(
@@ -153,8 +182,9 @@ def test_an_ensemble_can_be_read_in_every_form(monkeypatch: pytest.MonkeyPatch) 
         ({"vary": {"colour": 1.0}}, "allowed: angle, mass, stiffness, velocity, gap"),
         ({"vary": {}}, "allowed: a mapping"),
         ({"vary": {"mass": 0.5}}, "at most 0.15"),
-        ({"vary": {"gap": float("nan")}}, "a number above 0"),
-        ({"vary": {"mass": True}}, "a number above 0"),
+        ({"vary": {"gap": float("nan")}}, "a number >= 0"),
+        ({"vary": {"mass": True}}, "a number >= 0"),
+        ({"vary": {"mass": -0.1}}, "a number >= 0"),
         ({"n": 0}, "n = 0; allowed: a whole number >= 1"),
         ({"seed": -1}, "seed = -1"),
         ({"accuracy": 0.0}, "accuracy = 0.0"),

@@ -26,3 +26,5 @@ def test_the_study_names_what_matters_and_the_tolerance() -> None:
     assert confirmed == pytest.approx(1.0, rel=0.12)
     with pytest.raises(UsageError, match="vary = 'colour'; allowed: angle"):
         db.study("sensitivity", THREE, vary="colour")
+    with pytest.raises(UsageError, match="spread = 0; allowed: a standard deviation above 0"):
+        db.study("sensitivity", THREE, vary="stiffness", spread=0)
