@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -54,6 +55,19 @@ def test_a_campaign_that_is_killed_again_and_again_ends_complete(survival: Survi
     assert survival.cases <= survival.counted("begin") <= survival.cases + kills * survival.jobs
     if survival.cases != SMALL:
         assert end["digest"] == _undisturbed(survival)
+
+
+@pytest.mark.slow
+@pytest.mark.lammps
+@pytest.mark.parametrize("survival", [SMALL], indirect=True)
+def test_a_campaign_of_lammps_that_is_killed_again_and_again_ends_complete(survival: Survival) -> None:
+    # runs on one rank and on two in turn: a kill comes while an engine loads, runs or is read
+    survival.kind, kills, draw = "lammps", 10, random.Random(21)
+    for nth, ended in enumerate(moments(21, kills, survival.cases - 2 * survival.jobs)):
+        survival.begin_and_kill(ended=ended, whole=nth % 2 == 0, later=draw.random())
+        assert survival.all_ended()  # engines and launchers of MPI, too
+    _complete(survival)
+    assert survival.cases <= survival.counted("begin") <= survival.cases + kills * survival.jobs
 
 
 @pytest.mark.slow

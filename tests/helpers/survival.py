@@ -1,6 +1,6 @@
 """A campaign as a program that can be killed, and what is left of it.
 
-``python -m tests.helpers.survival STORE CASES JOBS`` prints a line of JSON: a digest of all trajectories, their number,
+``python -m tests.helpers.survival STORE CASES JOBS KIND`` prints a line of JSON: a digest of all trajectories, their number,
 how many are from the store, and the problem with the store. It is a command as those of ``dem-bridge``, with the option
 ``--json-progress``.
 """
@@ -14,13 +14,16 @@ import random
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import click
 
+from dem_bridge.lmp.process import SHARED_MEMORY
 from tests.helpers.processes import PATIENCE, all_end, happens
 
 ROOT = Path(__file__).parents[2]
@@ -31,16 +34,17 @@ def program() -> click.Group:
     """Return the campaign as a command of a group as ``dem-bridge``."""
     from dem_bridge.cli.group import _Group
 
-    words = [click.Argument([name]) for name in ("folder", "count", "jobs")]
+    words = [click.Argument([name]) for name in ("folder", "count", "jobs", "kind")]
     option = click.Option(["--json-progress", "json_progress"], is_flag=True)
     return _Group(commands=[click.Command("run", callback=main, params=[*words, option])])
 
 
-def main(folder: str, count: str, jobs: str, json_progress: bool) -> None:
-    """Run the campaign and print what came out."""
+def main(folder: str, count: str, jobs: str, kind: str, json_progress: bool) -> None:
+    """Run the campaign and print what came out; ``kind``: "twin", or "lammps" for one and two ranks in turn."""
     from dem_bridge.backends.base import Resolution, Sampling
     from dem_bridge.campaign import run_cases
     from dem_bridge.cli.terminal import bar
+    from dem_bridge.lmp.engine import Engine
     from dem_bridge.runs.case import Case
     from dem_bridge.runs.store import Store
     from dem_bridge.scene import Scene
@@ -49,8 +53,18 @@ def main(folder: str, count: str, jobs: str, json_progress: bool) -> None:
         Scene(name=f"n{n}", duration=2e-4, mass=(1e-2,) * 3, stiffness=(4e9,) * 2, velocity=(0.5 + 1e-3 * n, 0.0, 0.0))
         for n in range(int(count))
     ]
-    settings: dict[str, Any] = {"resolution": Resolution(dt=5e-10), "sampling": Sampling(count=20)}
-    cases = [Case(scene=scene, backend="verlet", uncertainty=False, **settings) for scene in scenes]
+    runs_of: dict[str, list[dict[str, Any]]] = {
+        "twin": [{"backend": "verlet", "resolution": Resolution(dt=5e-10)}],
+        "lammps": [
+            # two ranks wait for each other at every step, which takes long on a busy machine
+            {"backend": "lammps-granular", "resolution": Resolution(dt=dt), "engine": Engine(ranks=ranks)}
+            for dt, ranks in ((1e-9, 1), (1e-6, 2))
+        ],
+    }
+    settings = cycle(runs_of[kind])
+    cases = [
+        Case(scene=scene, sampling=Sampling(count=20), uncertainty=False, **next(settings)) for scene in scenes
+    ]
     store = Store(folder)
     with bar(json_progress) as progress:
         results = run_cases(cases, jobs=int(jobs), store=store, progress=progress)
@@ -67,8 +81,11 @@ class Survival:
     folder: Path
     cases: int
     jobs: int = 2
+    kind: str = "twin"
     store: Path = field(init=False)
     temporary: Path = field(init=False)
+    killed: set[int] = field(default_factory=set)
+    """Processes of the campaigns that were killed, with their workers and engines."""
 
     def __post_init__(self) -> None:
         self.store, self.temporary = self.folder / "store", self.folder / "temporary"
@@ -85,7 +102,7 @@ class Survival:
         self.halt(halt)
         path = os.pathsep.join([str(COUNTED), str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
         own = {"DEM_BRIDGE_COUNT": str(self.folder / "count"), "DEM_BRIDGE_HALT": str(self.folder / "halt")}
-        words = (str(self.store), str(self.cases), str(self.jobs))
+        words = (str(self.store), str(self.cases), str(self.jobs), self.kind)
         return subprocess.Popen(
             [sys.executable, "-m", "tests.helpers.survival", "run", *words, *options],
             env={**os.environ, "PYTHONPATH": path, "TMPDIR": str(self.temporary), **own},
@@ -98,11 +115,13 @@ class Survival:
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
         )
 
-    def begin_and_kill(self, *, ended: int, whole: bool) -> None:
-        """Start a campaign, and kill it, or its main process only, when so many runs have ended in all."""
+    def begin_and_kill(self, *, ended: int, whole: bool, later: float = 0.0) -> None:
+        """Start a campaign, and kill it, or its main process only, ``later`` s after so many runs have ended in all."""
         program = self.begin(halt=ended + self.jobs)
         assert happens(lambda: self.counted("end") >= ended or program.poll() is not None)
+        time.sleep(later)
         assert program.poll() is None, program.communicate()
+        self.killed |= {program.pid, *self.processes()}
         (os.killpg if whole else os.kill)(program.pid, signal.SIGKILL)
         program.communicate(timeout=PATIENCE)
 
@@ -128,9 +147,10 @@ class Survival:
         return all_end(self.processes())
 
     def left(self) -> list[str]:
-        """Return what lies in the folders of the store and of temporary files beside entries."""
-        names = [path.name for folder in (self.store, self.temporary) for path in folder.iterdir()]
-        return [name for name in names if not name.endswith(".run")]
+        """Return what lies beside entries in the folders, and the shared memory of killed processes."""
+        paths = [path for folder in (self.store, self.temporary) for path in folder.iterdir()]
+        paths += [path for pid in self.killed for path in SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*")]
+        return [path.name for path in paths if path.suffix != ".run"]
 
 
 def _content(path: Path) -> bytes:

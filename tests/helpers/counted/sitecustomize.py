@@ -16,7 +16,8 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
-MODULE = "dem_bridge.backends.verlet"
+#: backends whose runs are counted, by their modules
+BACKENDS = {"dem_bridge.backends.verlet": "Verlet", "dem_bridge.backends.lammps": "LammpsGranular"}
 
 
 def _say(word: str, name: str) -> None:
@@ -41,19 +42,20 @@ def _wait() -> None:
 
 
 class _Counting(importlib.abc.MetaPathFinder):
-    """Let the twin count its runs once its module is imported."""
+    """Let backends count their runs once their modules are imported."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        spec = importlib.machinery.PathFinder.find_spec(fullname, path) if fullname == MODULE else None
+        spec = importlib.machinery.PathFinder.find_spec(fullname, path) if fullname in BACKENDS else None
         if spec is None or spec.loader is None:
             return None
         load = spec.loader.exec_module
 
         def counting(module: ModuleType) -> None:
             load(module)
-            run = module.Verlet.run
+            backend = getattr(module, BACKENDS[fullname])
+            run = backend.run
 
             def counted(self: Any, scene: Any, *settings: Any) -> Any:
                 _wait()
@@ -62,7 +64,7 @@ class _Counting(importlib.abc.MetaPathFinder):
                 _say("end", scene.name)
                 return result
 
-            module.Verlet.run = counted
+            backend.run = counted
 
         spec.loader.exec_module = counting  # type: ignore[method-assign]
         return spec
