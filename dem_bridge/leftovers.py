@@ -18,6 +18,8 @@ from pathlib import Path
 #: machine and its space of process ids, process id, and time of its start in ticks, in hexadecimal digits
 _OWNER = re.compile(r"-([0-9a-f]{8})-([0-9a-f]+)-([0-9a-f]+)-")
 
+#: suffix of a link that names its process by its target
+CLAIM = ".claim"
 #: s
 _JUST_MADE = 1.0
 
@@ -40,9 +42,13 @@ def is_left_behind(name: str) -> bool:
 @cache
 def sweep(folder: Path) -> None:
     """Remove the files and folders in ``folder`` that dead processes left behind, once in the life of this process."""
+    names = []
     with suppress(OSError):
-        for name in filter(is_left_behind, os.listdir(folder)):
-            path = folder / name
+        names = os.listdir(folder)
+    for path in (folder / name for name in names):
+        with suppress(OSError):  # another process was here, or it is of another user
+            if not is_left_behind(os.readlink(path) if path.suffix == CLAIM else path.name):
+                continue
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
             else:
@@ -55,7 +61,8 @@ def remove_unmapped(folder: Path, pattern: str) -> None:
     for path in folder.glob(pattern):
         with suppress(OSError):  # another process was here
             about = path.stat()
-            if about.st_uid == os.geteuid() and time.time() - about.st_mtime > _JUST_MADE:
+            # a file from the future is old: the clock was set back
+            if about.st_uid == os.geteuid() and abs(time.time() - about.st_mtime) > _JUST_MADE:
                 files.append(path)
     if files:
         mapped = set[str]()

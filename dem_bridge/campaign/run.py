@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import pickle
 import random
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
@@ -18,7 +19,7 @@ from dem_bridge.backends.base import Sampling
 from dem_bridge.campaign.executors import Jobs, run_by_executor
 from dem_bridge.campaign.pool import run_in_processes
 from dem_bridge.campaign.results import Progress, Result, run_case
-from dem_bridge.campaign.tasks import Outcome, Task, is_stored, perform_task, with_run
+from dem_bridge.campaign.tasks import Outcome, Task, claim_of, is_stored, perform_task, with_run
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.progress import Campaign, Interrupted, campaign, listening, stop_requested
 from dem_bridge.runs.cache import RunCache, load_run
@@ -239,18 +240,20 @@ def _outcomes(
     else:
         away = []
     gone = {task.name for task in away}
-    for task in tasks:
-        if task.name in gone:
-            continue
-        if stop_requested():
-            return
+    here = deque(task for task in tasks if task.name not in gone)
+    while here and not stop_requested():
+        task = here.popleft()
         label = task.case.label
         say(label, 0.0)
         state.update(running=(label,))
-        with listening(partial(_within, say, label, task.case.expected)):
-            stored = with_run(task, Outcome(kept=True)) if is_stored(task) else None
-            outcome = stored or perform_task(replace(task, folder=None))
-        yield task, outcome
+        with claim_of(task) as free:
+            if not free:  # another campaign is at it
+                here.append(replace(task, waits=True))
+                continue
+            with listening(partial(_within, say, label, task.case.expected)):
+                stored = with_run(task, Outcome(kept=True)) if is_stored(task) else None
+                outcome = stored or perform_task(replace(task, folder=None))
+            yield task, outcome  # it is stored before the claim ends
 
 
 def _workers(jobs: int | None, cases: Iterable[Case]) -> int:

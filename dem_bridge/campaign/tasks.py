@@ -10,6 +10,7 @@ import pickle
 import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -18,6 +19,7 @@ from dem_bridge.campaign.results import Crashed, Failure, run_case
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.claims import claimed, wait_for_release
 from dem_bridge.runs.store import Store
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.version import __version__
@@ -28,6 +30,8 @@ _CHUNK = 1.0
 _CHUNKS_EACH = 4
 #: a worker may take the time limit of a case, this factor times its expected time, and so many s
 _FACTOR, _MARGIN = 100.0, 60.0
+#: s for which a worker waits for another campaign until it is given another task
+_PAUSE = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +52,8 @@ class Task:
     """Other cases need the runs and families that are made for it."""
     recompute: bool = False
     """The run is made even if the store has it."""
+    waits: bool = False
+    """Another campaign was at the run: its worker waits for it for a while."""
     version: str = __version__
 
     @property
@@ -70,6 +76,8 @@ class Outcome:
     """What the campaign stops with, in place of a result."""
     kept: bool = False
     """The run is in the store, and not here."""
+    claimed: bool = False
+    """Another campaign is at the run, and it was not made."""
     cache: RunCache | None = None
     """Runs and families that others need."""
     trouble: str = ""
@@ -92,9 +100,14 @@ def perform(packed: bytes) -> Outcome:
 
 
 def perform_task(task: Task) -> Outcome:
-    """Solve the case of a task; never raises. A run that another campaign has stored meanwhile is not made again."""
-    if is_stored(task):
-        return Outcome(kept=True)
+    """Solve the case of a task; never raises. A run that another campaign makes or has stored is not made again."""
+    with claim_of(task) as free:
+        if not free:
+            return Outcome(claimed=True)
+        return Outcome(kept=True) if is_stored(task) else _perform(task)
+
+
+def _perform(task: Task) -> Outcome:
     cache = RunCache()
     try:
         result = run_case(task.case, everything=task.everything, cache=cache)
@@ -125,6 +138,19 @@ def is_stored(task: Task) -> bool:
     if task.folder is None or task.key is None or task.shared or task.recompute:
         return False
     return _store(task.folder, task.limit).has(task.key)
+
+
+@contextmanager
+def claim_of(task: Task) -> Iterator[bool]:
+    """Claim the run of a task within this context; yield False if another campaign is at it."""
+    if task.folder is None or task.key is None or task.shared or task.recompute:
+        yield True
+        return
+    about = task.folder, task.key, task.case.expected
+    if task.waits:
+        wait_for_release(*about, at_most=_PAUSE)
+    with claimed(*about) as free:
+        yield free
 
 
 def with_run(task: Task, outcome: Outcome) -> Outcome | None:
@@ -176,9 +202,13 @@ class Work:
                 self.pending.appendleft([task])
 
     def done(self, task: Task, outcome: Outcome) -> Iterator[tuple[Task, Outcome]]:
-        """Yield a task and its outcome; one whose run is not in the store is done again, and the run travels back."""
-        complete = with_run(task, outcome)
-        if complete is None:
+        """Yield a task and its outcome; one whose run is not in the store is done again, and the run travels back.
+
+        One that another campaign is at comes last.
+        """
+        if outcome.claimed:
+            self.pending.append([replace(task, waits=True)])
+        elif (complete := with_run(task, outcome)) is None:
             self.pending.appendleft([replace(task, folder=None)])
         else:
             yield task, complete

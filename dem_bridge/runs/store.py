@@ -16,7 +16,8 @@ digits; so has an engine that would have to be started to be identified, such as
 
 An entry is one file: a line with the sha256 of the rest, a line of JSON with type and shape of each array, the arrays'
 bytes. One that does not fit its checksum is set aside and computed again. It is written under another name and renamed,
-which is atomic on local and on network file systems; nothing is ever locked.
+which is atomic on local and on network file systems; nothing is ever locked. Processes that make runs say so by claims
+(:mod:`.claims`), which are advice.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from numpy.typing import NDArray
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, versions_of
 from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
 from dem_bridge.files import check_folder
-from dem_bridge.leftovers import owned, sweep
+from dem_bridge.leftovers import CLAIM, owned, sweep
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.code import changed_since_start, code_of_run, code_of_studies, digest
 from dem_bridge.scene import Scene
@@ -344,10 +345,11 @@ class Store:
         entries, now = [], time.time()
         for entry in os.scandir(self.folder):
             with suppress(FileNotFoundError):  # another process was here
-                about = entry.stat()
+                about = entry.stat(follow_symlinks=False)
                 if entry.name.endswith(SUFFIX):
                     entries.append((about.st_mtime_ns, about.st_size, entry.path))
-                elif entry.name.endswith((_PART, DAMAGED)) and now - about.st_mtime > _LEFT_BEHIND:
+                # a file from the future is old: the clock was set back
+                elif entry.name.endswith((_PART, DAMAGED, CLAIM)) and abs(now - about.st_mtime) > _LEFT_BEHIND:
                     os.unlink(entry.path)
         total = sum(size for _, size, _ in entries)
         if total > self.limit:
