@@ -1,10 +1,11 @@
 """Many cases on all cores or on a cluster: cases in, trajectories or the reasons why there are none out, in order."""
 
-from dem_bridge.campaign.executors import Jobs, map_in_threads, workers_of
+from dem_bridge.campaign.executors import Away, Jobs, map_in_threads, workers_of
 from dem_bridge.campaign.results import Crashed, Progress, Result, run_case
 from dem_bridge.campaign.run import jobs_of, run_cases, run_groups
 
 __all__ = [
+    "Away",
     "Crashed",
     "Jobs",
     "Progress",

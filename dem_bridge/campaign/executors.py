@@ -6,6 +6,7 @@ import os
 import pickle
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -18,8 +19,9 @@ from concurrent.futures import (
     wait,
 )
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Generic, TypeVar
 from uuid import uuid4
 
 from dem_bridge.campaign.pool import SLICE, run_in_processes
@@ -34,6 +36,38 @@ Value = TypeVar("Value")
 Jobs = int | Executor | None
 #: workers of an executor that does not tell their number
 _WORKERS = 16
+#: chunks that an executor has at a time: enough for a cluster to see how many workers are needed
+_MOST_AWAY = 1000
+
+
+class Away(Generic[Item, Value]):
+    """The calls that an executor has been given: not too many at a time, so that memory is constant.
+
+    Parameters
+    ----------
+    submit : callable
+        Gives the call for an item to the executor.
+    """
+
+    def __init__(self, submit: Callable[[Item], Future[Value]]) -> None:
+        self._submit = submit
+        self.items: dict[Future[Value], Item] = {}
+
+    def fill(self, pending: deque[Item], most: int) -> None:
+        """Submit pending items until ``most`` calls are away; an item that cannot be submitted stays pending."""
+        while pending and len(self.items) < most:
+            future = self._submit(pending[0])
+            self.items[future] = pending.popleft()
+
+    def ended(self) -> Iterator[tuple[Item, Future[Value]]]:
+        """Yield the calls that have ended; wait for one, but only so long that Ctrl-C is not lost."""
+        done, _ = wait(self.items, timeout=SLICE, return_when=FIRST_COMPLETED)
+        for future in done:
+            yield self.items.pop(future), future
+
+    def cancel(self) -> None:
+        """Cancel the calls that have not begun."""
+        self.items = {future: item for future, item in self.items.items() if not future.cancel()}
 
 
 def run_by_executor(tasks: Sequence[Task], executor: Executor, state: Campaign) -> Iterator[tuple[Task, Outcome]]:
@@ -48,30 +82,27 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor, state: Campaign) 
     RunBroken
         If the executor takes no more tasks, or drops those that it has.
     """
-    away: dict[Future[list[Outcome]], list[Task]] = {}
     folder = next((task.folder for task in tasks if task.folder is not None), None)
     if folder is not None and not _shares(executor, folder):
         tasks = [replace(task, folder=None) for task in tasks]
     work, since = Work(tasks, workers_of(executor)), time.monotonic()
+    away = Away[list[Task], list[Outcome]](partial(_submit, executor))
     try:
-        while work.pending or away:
+        while work.pending or away.items:
             if stop_requested():
                 work.pending.clear()
-                away = {future: chunk for future, chunk in away.items() if not future.cancel()}
+                away.cancel()
             try:
-                while work.pending:
-                    future = _submit(executor, work.pending[0])
-                    away[future] = work.pending.popleft()
+                away.fill(work.pending, _MOST_AWAY)
             except BrokenExecutor:  # processes on this machine, of which one died: ours go on
-                rest = [task for chunk in (*away.values(), *work.pending) for task in chunk]
-                away.clear()
+                rest = [task for chunk in (*away.items.values(), *work.pending) for task in chunk]
+                away.items.clear()
                 yield from run_in_processes(rest, workers_of(executor), state, main=False)
                 return
-            running = (task.case.label for future, chunk in away.items() if future.running() for task in chunk[:1])
+            running = (chunk[0].case.label for future, chunk in away.items.items() if future.running())
             state.update(running=tuple(running))
-            done, _ = wait(away, timeout=SLICE, return_when=FIRST_COMPLETED)
-            for future in done:
-                chunk, since = away.pop(future), time.monotonic()
+            for chunk, future in away.ended():
+                since = time.monotonic()
                 try:
                     outcomes = future.result()
                 except CancelledError as error:
@@ -83,12 +114,14 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor, state: Campaign) 
                     continue
                 for task, outcome in zip(chunk, outcomes, strict=True):
                     yield from work.done(task, outcome)
-            if away and time.monotonic() - since > (patience := _patience(away.values())):
-                for task in [task for future in list(away) for task in away.pop(future)]:
+            if away.items and time.monotonic() - since > (patience := _patience(away.items.values())):
+                late = [task for chunk in away.items.values() for task in chunk]
+                away.cancel()
+                away.items.clear()
+                for task in late:
                     yield task, broken(f"{task.case.label}: nothing came back within {patience:g} s", "")
     finally:
-        for future in away:
-            future.cancel()
+        away.cancel()
 
 
 def map_in_threads(function: Callable[[Item], Value], items: Iterable[Item], jobs: Jobs) -> list[Value]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
 import os
 import tempfile
 import weakref
+from collections import deque
 from collections.abc import Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from shutil import rmtree
@@ -16,12 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Progress, Result, run_cases, workers_of
-from dem_bridge.campaign.pool import SLICE
+from dem_bridge.campaign import Away, Progress, Result, run_cases, workers_of
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.result import Ensemble
 from dem_bridge.ensembles.solve import OBSERVABLES, check_solvable, difference, solve_chains, steps_for
-from dem_bridge.errors import DemBridgeError, UsageError
+from dem_bridge.errors import DemBridgeError, RunBroken, UsageError
 from dem_bridge.leftovers import owned
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.runs.case import Case
@@ -102,37 +103,44 @@ def pool_of(executor: Executor | None) -> Iterator[Executor]:
 def _blocks(
     pool: Executor, variation: Variation, sizes: list[int], steps: int, samples: int | None
 ) -> Iterator[tuple[int, dict[str, Floats]]]:
-    """Yield the blocks as they are solved; only a few are submitted at a time, so that memory is constant."""
-    waiting: dict[Future[dict[str, Floats]], int] = {}
-    pending = iter(enumerate(sizes))
-    most = 2 * workers_of(pool)
-    while True:
-        while len(waiting) < most and (following := next(pending, None)) is not None:
-            nth, size = following
-            waiting[_submit(pool, variation, nth, size, steps, samples)] = nth
-        if not waiting:
-            return
-        # in slices, so that Ctrl-C is not lost while nothing ends
-        done, _ = wait(waiting, timeout=SLICE, return_when=FIRST_COMPLETED)
-        for future in done:
-            nth = waiting.pop(future)
+    """Yield the blocks as they are solved; only a few are submitted at a time, so that memory is constant.
+
+    A block whose worker is lost is solved once more, alone; a pool of processes that is broken is replaced.
+
+    Raises
+    ------
+    RunBroken
+        If a block is lost twice.
+    """
+    pending, lost = deque(range(len(sizes))), set[int]()
+    with ExitStack() as own:
+
+        def submit(nth: int) -> Future[dict[str, Floats]]:
+            return pool.submit(solve_block, variation, nth, sizes[nth], steps, samples)
+
+        away = Away[int, dict[str, Floats]](submit)
+        own.callback(away.cancel)
+        while pending or away.items:
             try:
-                part = future.result()
-            except DemBridgeError:
-                raise
-            except Exception:  # its worker is gone: here
-                part = solve_block(variation, nth, sizes[nth], steps, samples)
-            yield nth, part
-
-
-def _submit(pool: Executor, *arguments: Any) -> Future[dict[str, Floats]]:
-    """Return the future of a block; it has failed already where a pool of processes is broken."""
-    try:
-        return pool.submit(solve_block, *arguments)
-    except BrokenExecutor as error:
-        future: Future[dict[str, Floats]] = Future()
-        future.set_exception(error)
-        return future
+                away.fill(pending, 1 if lost else 2 * workers_of(pool))
+            except BrokenExecutor:
+                workers, spawn = workers_of(pool), multiprocessing.get_context("spawn")
+                pool = own.enter_context(ProcessPoolExecutor(workers, mp_context=spawn))
+            for nth, future in away.ended():
+                try:
+                    part = future.result()
+                except DemBridgeError:
+                    raise
+                except Exception as error:
+                    if nth in lost:
+                        chains = f"chains {nth * BLOCK} to {nth * BLOCK + sizes[nth] - 1} of {variation.scene.name}"
+                        problem = " ".join(f"{type(error).__name__}: {error}".split())
+                        raise RunBroken(f"{chains} could not be solved by two workers ({problem})") from error
+                    lost.add(nth)
+                    pending.appendleft(nth)
+                    continue
+                lost.discard(nth)
+                yield nth, part
 
 
 def _arrays(scene: Scene, n: int, samples: int | None, stack: ExitStack) -> dict[str, Floats | Path]:

@@ -7,8 +7,8 @@ import os
 import signal
 import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.campaign import Crashed, Result, executors, map_in_threads, pool, run_cases, tasks
 from dem_bridge.campaign.tasks import Task
+from dem_bridge.ensembles.draw import BLOCK
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.runs.store import Store
 from tests.helpers.campaign_cases import SHORT, die_once, mixed_cases, short_case, text_of, wait_for, with_action
@@ -164,12 +165,64 @@ def test_an_executor_that_takes_nothing_or_drops_all_is_one_line() -> None:
         run_cases([short_case()], jobs=Dropping())
 
 
-def test_blocks_of_an_ensemble_whose_worker_is_gone_are_solved_here() -> None:
-    expected, lost = (
-        db.ensemble(SHORT, {"mass": 0.1}, n=8, checks=0, executor=executor)
-        for executor in (ThreadPoolExecutor(1), Lost())
-    )
-    assert expected.table.equals(lost.table)
+def _ensemble(executor: Executor | None = None) -> db.Ensemble:
+    """Return two blocks of chains."""
+    return db.ensemble(SHORT, {"mass": 0.1}, n=BLOCK + 8, checks=0, executor=executor)
+
+
+def test_blocks_of_an_ensemble_whose_worker_is_lost_are_solved_once_more() -> None:
+    assert _ensemble().table.equals(_ensemble(Lost()).table)
+
+
+@pytest.mark.slow
+def test_an_ensemble_replaces_a_pool_of_processes_that_breaks() -> None:
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as executor:
+        with suppress(BrokenExecutor):
+            executor.submit(os._exit, 9).result()
+        assert _ensemble(executor).table.equals(_ensemble().table)
+    assert multiprocessing.active_children() == []
+
+
+class Defective(Executor):
+    """Solve nothing but the first block."""
+
+    _max_workers = 2
+
+    def __init__(self) -> None:
+        self.most, self.tries = 0, list[int]()
+        self._away: list[Future[Any]] = []
+
+    def submit(self, function: Any, /, *arguments: Any, **keywords: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self._away = [other for other in self._away if not other.done()] + [future]
+        self.most = max(self.most, len(self._away))
+        self.tries.append(arguments[1])
+        threading.Timer(0.01, self._answer, (future, function, arguments)).start()
+        return future
+
+    def _answer(self, future: Future[Any], function: Any, arguments: Any) -> None:
+        if arguments[1] == 1:
+            future.set_exception(MemoryError("no room"))
+        else:
+            future.set_result(function(*arguments))
+
+
+def test_a_block_that_is_lost_twice_is_an_error_that_names_it_and_few_are_away() -> None:
+    executor = Defective()
+    with pytest.raises(RunBroken, match=r"^chains 512 to 1023 of three .* two workers \(MemoryError: no room\)$"):
+        db.ensemble(SHORT, {"mass": 0.1}, n=8 * BLOCK, checks=0, executor=executor)
+    assert executor.tries.count(1) == 2
+    # two for each worker
+    assert executor.most <= 4 < 8
+
+
+def test_an_executor_has_only_so_many_chunks_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executors, "_MOST_AWAY", 3)
+    executor = Defective()
+    monkeypatch.setattr(executor, "_max_workers", 40)  # a chunk for each case
+    results = run_cases([short_case(backend="bca", dt=1e-6 / k) for k in range(1, 9)], jobs=executor)
+    assert None not in [result.trajectory for result in results]
+    assert executor.most <= 3
 
 
 @pytest.mark.slow

@@ -76,9 +76,7 @@ def test_two_campaigns_over_one_store_share_the_work(survival: Survival) -> None
     programs = [survival.begin() for _ in range(2)]
     ends = [survival.finish(program) for program in programs]
     assert ends[0]["digest"] == ends[1]["digest"] == _undisturbed(survival)
-    # a case is made twice if the other campaign is at it when it is begun: each has its own random order, so that this
-    # is expected some 2 jobs log(cases) = 15 times where the machine has a core for each process
-    assert survival.counted("begin") < 1.7 * survival.cases
+    assert survival.counted("begin") == survival.cases
     assert _complete(survival)["stored"] == survival.cases
 
 
@@ -93,6 +91,7 @@ def test_a_campaign_that_is_killed_beside_another_harms_it_not(survival: Surviva
     survival.halt()
     end = survival.finish(other)
     assert (end["runs"], end["trouble"]) == (survival.cases, "")
+    assert survival.counted("begin") <= survival.cases + len(kills) * survival.jobs
     assert _complete(survival)["digest"] == end["digest"] == _undisturbed(survival)
 
 

@@ -1,8 +1,8 @@
 """A campaign as a program that can be killed, and what is left of it.
 
-``python -m tests.helpers.survival STORE CASES JOBS KIND`` prints a line of JSON: a digest of all trajectories, their number,
-how many are from the store, and the problem with the store. It is a command as those of ``dem-bridge``, with the option
-``--json-progress``.
+``python -m tests.helpers.survival run STORE CASES JOBS KIND`` prints a line of JSON: a digest of all trajectories,
+their number, how many are from the store, and the problem with the store. It is a command as those of ``dem-bridge``,
+with the option ``--json-progress``.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import cycle
 from pathlib import Path
@@ -62,9 +62,7 @@ def main(folder: str, count: str, jobs: str, kind: str, json_progress: bool) -> 
         ],
     }
     settings = cycle(runs_of[kind])
-    cases = [
-        Case(scene=scene, sampling=Sampling(count=20), uncertainty=False, **next(settings)) for scene in scenes
-    ]
+    cases = [Case(scene=scene, sampling=Sampling(count=20), uncertainty=False, **next(settings)) for scene in scenes]
     store = Store(folder)
     with bar(json_progress) as progress:
         results = run_cases(cases, jobs=int(jobs), store=store, progress=progress)
@@ -82,6 +80,7 @@ class Survival:
     cases: int
     jobs: int = 2
     kind: str = "twin"
+    python: str = sys.executable
     store: Path = field(init=False)
     temporary: Path = field(init=False)
     killed: set[int] = field(default_factory=set)
@@ -97,22 +96,28 @@ class Survival:
         part.write_text(str(ended))
         part.replace(self.folder / "halt")
 
-    def begin(self, *options: str, halt: int = sys.maxsize) -> subprocess.Popen[str]:
-        """Start a campaign, in a session of its own; it begins no run when so many have ended in all."""
+    def begin(
+        self, *options: str, halt: int = sys.maxsize, prepare: Callable[[], object] = int, **variables: str
+    ) -> subprocess.Popen[str]:
+        """Start a campaign, in a session of its own; it begins no run when so many have ended in all.
+
+        ``prepare`` is called in the new process before the program begins; ``variables`` are of its environment.
+        """
         self.halt(halt)
-        path = os.pathsep.join([str(COUNTED), str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
+        others = variables.get("PYTHONPATH", os.environ.get("PYTHONPATH", ""))
+        path = os.pathsep.join([str(COUNTED), str(ROOT), *others.split(os.pathsep)])
         own = {"DEM_BRIDGE_COUNT": str(self.folder / "count"), "DEM_BRIDGE_HALT": str(self.folder / "halt")}
         words = (str(self.store), str(self.cases), str(self.jobs), self.kind)
         return subprocess.Popen(
-            [sys.executable, "-m", "tests.helpers.survival", "run", *words, *options],
-            env={**os.environ, "PYTHONPATH": path, "TMPDIR": str(self.temporary), **own},
+            [self.python, "-m", "tests.helpers.survival", "run", *words, *options],
+            env={**os.environ, "TMPDIR": str(self.temporary), **own, **variables, "PYTHONPATH": path},
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
             # where the tests run in the background Ctrl-C is ignored, and children inherit that
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+            preexec_fn=lambda: (signal.signal(signal.SIGINT, signal.default_int_handler), prepare()),
         )
 
     def begin_and_kill(self, *, ended: int, whole: bool, later: float = 0.0) -> None:
@@ -140,7 +145,7 @@ class Survival:
     def processes(self) -> list[int]:
         """Return the processes of all campaigns over this store, with their workers."""
         mark = f"DEM_BRIDGE_COUNT={self.folder / 'count'}".encode()
-        return [int(path.parent.name) for path in Path("/proc").glob("[0-9]*/environ") if mark in _content(path)]
+        return [int(path.parent.name) for path in Path("/proc").glob("[0-9]*/environ") if mark in content(path)]
 
     def all_ended(self) -> bool:
         """Return whether all processes of all campaigns end."""
@@ -153,7 +158,8 @@ class Survival:
         return [path.name for path in paths if path.suffix != ".run"]
 
 
-def _content(path: Path) -> bytes:
+def content(path: Path) -> bytes:
+    """Return the content of a file; nothing if it cannot be read."""
     try:
         return path.read_bytes()
     except OSError:  # it has ended, or is of another user
