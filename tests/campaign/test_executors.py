@@ -20,6 +20,7 @@ import dem_bridge as db
 from dem_bridge.campaign import Crashed, Result, executors, map_in_threads, pool, run_cases, tasks
 from dem_bridge.campaign.tasks import Task
 from dem_bridge.ensembles.draw import BLOCK
+from dem_bridge.ensembles.result import Ensemble
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.runs.store import Store
 from tests.helpers.campaign_cases import SHORT, die_once, mixed_cases, short_case, text_of, wait_for, with_action
@@ -165,7 +166,7 @@ def test_an_executor_that_takes_nothing_or_drops_all_is_one_line() -> None:
         run_cases([short_case()], jobs=Dropping())
 
 
-def _ensemble(executor: Executor | None = None) -> db.Ensemble:
+def _ensemble(executor: Executor | None = None) -> Ensemble:
     """Return two blocks of chains."""
     return db.ensemble(SHORT, {"mass": 0.1}, n=BLOCK + 8, checks=0, executor=executor)
 
