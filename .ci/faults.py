@@ -1,0 +1,274 @@
+"""Faults: the changes of a source, how one is planted in a running process, and which statements tests execute."""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import functools
+import gc
+import math
+import random
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import CodeType, FunctionType
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+#: where faults are planted
+PARTS = ("physics", "accuracy.py", "verification/verdict.py", "uncertainty", "observables", "lmp/deck.py", "judging")
+_OPERATORS: dict[type, type] = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.Mult, ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.And: ast.Or,
+    ast.Or: ast.And, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
+}  # fmt: skip
+_NAMES = {"min": "max", "max": "min", "any": "all", "all": "any", "argmin": "argmax", "argmax": "argmin"}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One fault: change number ``index`` of a file, with its line before and after."""
+
+    file: str
+    index: int
+    line: int
+    before: str
+    after: str
+
+
+#: node, its field, place in a list there (None: no list), and what replaces it
+Change = tuple[ast.AST, str, int | None, Any]
+
+
+def changes(tree: ast.AST) -> Iterator[Change]:
+    """Yield all changes of a tree, in a fixed order; annotations, decorators and texts are left alone.
+
+    >>> text = "y = -x + 1 if x < 2.0 else max(x, z)"
+    >>> for k in range(7):
+    ...     print(mutated(text, k)[1])
+    y = -x + 1 if not x < 2.0 else max(x, z)
+    y = -x + 1 if x <= 2.0 else max(x, z)
+    y = -x + 1 if x < 4.0 else max(x, z)
+    y = x + 1 if x < 2.0 else max(x, z)
+    y = -x - 1 if x < 2.0 else max(x, z)
+    y = -x + 2 if x < 2.0 else max(x, z)
+    y = -x + 1 if x < 2.0 else min(x, z)
+    """
+    for field, value in ast.iter_fields(tree):
+        if field in ("annotation", "returns", "decorator_list") or isinstance(value, ast.JoinedStr):
+            continue
+        for place, node in enumerate(value) if isinstance(value, list) else [(None, value)]:
+            if isinstance(node, ast.AST) and not isinstance(node, ast.JoinedStr):
+                yield from ((tree, field, place, new) for new in _replacements(node))
+                yield from changes(node)
+            elif isinstance(tree, ast.Constant) and field == "value":
+                yield from ((tree, field, None, new) for new in _numbers(value))
+
+
+def _replacements(node: ast.AST) -> Iterator[ast.AST]:
+    if type(node) in _OPERATORS:
+        yield _OPERATORS[type(node)]()
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
+        yield node.operand
+    if isinstance(node, ast.Name) and node.id in _NAMES:
+        yield ast.Name(_NAMES[node.id], node.ctx)
+    if isinstance(node, ast.Attribute) and node.attr in _NAMES:
+        yield ast.Attribute(node.value, _NAMES[node.attr], node.ctx)
+    if isinstance(node, ast.If | ast.IfExp) and ast.unparse(node.test) != "TYPE_CHECKING":
+        yield type(node)(ast.UnaryOp(ast.Not(), node.test), node.body, node.orelse)  # type: ignore[arg-type]
+
+
+def _numbers(value: object) -> Iterator[object]:
+    if isinstance(value, bool):
+        yield not value
+    elif isinstance(value, int):
+        yield value + 1
+    elif isinstance(value, float) and math.isfinite(value):
+        yield 2.0 * value if value else 1.0
+
+
+def mutated(text: str, index: int) -> tuple[ast.Module, str, int, str]:
+    """Return the tree with a change, the first changed line of the text, its number, and that line before."""
+    tree = ast.parse(text)
+    node, field, place, new = list(changes(tree))[index]
+    line: int = getattr(node, "lineno", 0) or getattr(new, "lineno", 0)
+    around = next(each for each in tree.body if each.lineno <= line <= (each.end_lineno or 0))
+    before = ast.unparse(around).splitlines()
+    if place is None:
+        setattr(node, field, new)
+    else:
+        getattr(node, field)[place] = new
+    ast.fix_missing_locations(tree)
+    after = ast.unparse(around).splitlines()
+    changed = next((pair for pair in zip(before, after, strict=False) if pair[0] != pair[1]), ("", ""))
+    return tree, changed[1].strip(), line, changed[0].strip()
+
+
+def targets(parts: Sequence[str] = PARTS) -> list[str]:
+    """Return the files in which faults are planted."""
+    places = [ROOT / "dem_bridge" / part for part in parts]
+    files = [file for place in places for file in (sorted(place.rglob("*.py")) if place.is_dir() else [place])]
+    return [str(file.relative_to(ROOT)) for file in files]
+
+
+@functools.cache
+def _every_change() -> list[tuple[str, int]]:
+    trees = {file: ast.parse((ROOT / file).read_text(encoding="utf-8")) for file in targets()}
+    return [(file, k) for file, tree in trees.items() for k, _ in enumerate(changes(tree))]
+
+
+def sample(count: int, seed: int) -> list[Mutant]:
+    """Return a seeded sample of all changes of the targets; a smaller count is the beginning of a larger one."""
+    every = list(_every_change())
+    random.Random(seed).shuffle(every)
+    chosen = []
+    for file, index in every[:count]:
+        _, after, line, before = mutated((ROOT / file).read_text(encoding="utf-8"), index)
+        chosen.append(Mutant(file, index, line, before, after))
+    return chosen
+
+
+def lines_of(text: str, line: int) -> range:
+    """Return the lines of the innermost statement around a line, or none where it is executed by an import.
+
+    >>> text = "A = 1\\ndef f(x=2):\\n    if (x or\\n            A):\\n        return 1\\n    return 0"
+    >>> [list(lines_of(text, line)) for line in range(1, 7)]
+    [[], [], [3, 4], [3, 4], [5], [6]]
+    """
+    lines = range(0)
+    for function in ast.walk(ast.parse(text)):
+        if isinstance(function, ast.FunctionDef) and function.body[0].lineno <= line <= (function.end_lineno or 0):
+            for node in ast.walk(function):
+                if isinstance(node, ast.stmt) and node is not function and node.lineno <= line:
+                    body = getattr(node, "body", None) or getattr(node, "cases", None)
+                    last = body[0].lineno - 1 if isinstance(body, list) and body else node.end_lineno or 0
+                    lines = range(node.lineno, last + 1) if line <= last else lines
+    return lines
+
+
+class Live:
+    """What a process has loaded: functions by their file, compiled kernels and caches; made once, before the forks."""
+
+    def __init__(self) -> None:
+        from dem_bridge.compiled import Kernel
+
+        gc.unfreeze()  # conftest.py froze what was collected
+        objects = gc.get_objects()
+        gc.freeze()
+        ours = [each for each in objects if str(getattr(each, "__module__", "")).startswith(("dem_bridge", "tests"))]
+        self.functions = [each for each in ours if isinstance(each, FunctionType)]
+        self.kernels = [each for each in objects if isinstance(each, Kernel)]
+        self._caches = [each for each in ours if isinstance(each, functools._lru_cache_wrapper)]
+
+    def forget_results(self) -> None:
+        """Empty the caches of all functions, because they hold what the code without a fault returned."""
+        for cache in self._caches:
+            cache.cache_clear()
+
+    def swap(self, codes: dict[CodeType, CodeType]) -> None:
+        """Give all functions with one of the codes its successor."""
+        files = {code.co_filename for code in codes}
+        for each in self.functions:
+            if each.__code__.co_filename in files:
+                each.__code__ = codes.get(each.__code__, each.__code__)
+
+
+def plant(mutant: Mutant, live: Live) -> None:
+    """Give the functions and constants of a module their changed code and values, in this process."""
+    path = ROOT / mutant.file
+    text = path.read_text(encoding="utf-8")
+    tree, *_ = mutated(text, mutant.index)
+    before, after = (_codes(compile(each, str(path), "exec", dont_inherit=True)) for each in (ast.parse(text), tree))
+    changed = {old: new for old, new in zip(before, after, strict=True) if old != new}
+    module = sys.modules[_module(mutant.file)]
+    live.swap(changed)
+    if any(kernel.py_func.__code__ in changed.values() for kernel in live.kernels):
+        import numba
+
+        for kernel in live.kernels:  # compiled code of the right one must not be used
+            vars(kernel).pop("compiled", None)
+        numba.njit = functools.partial(lambda njit, cache, nogil: njit(nogil=nogil), numba.njit)
+    if not lines_of(text, mutant.line):  # executed by the import
+        statement = next(each for each in tree.body if each.lineno <= mutant.line <= (each.end_lineno or 0))
+        names = dict(vars(module))
+        exec(compile(ast.Module([statement], []), str(path), "exec", dont_inherit=True), names)
+        for name, value in names.items():
+            if name != "__builtins__" and value is not vars(module).get(name):
+                _replace(vars(module).get(name), value, name)
+    live.forget_results()
+
+
+def _module(file: str) -> str:
+    return file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+
+def _codes(code: CodeType) -> list[CodeType]:
+    return [code, *(inner for each in code.co_consts if isinstance(each, CodeType) for inner in _codes(each))]
+
+
+def _replace(old: Any, new: Any, name: str) -> None:
+    """Hand defaults of a function, values of a class, or another value over to all that use the old one."""
+    old, new = (getattr(each, "__wrapped__", each) for each in (old, new))
+    if isinstance(new, FunctionType):
+        old.__defaults__, old.__kwdefaults__ = new.__defaults__, new.__kwdefaults__
+    elif isinstance(new, type):
+        for key, value in vars(new).items():
+            if isinstance(value, FunctionType):
+                _replace(vars(old)[key], value, key)
+            elif not key.startswith("__"):
+                with contextlib.suppress(AttributeError):
+                    setattr(old, key, value)
+    else:
+        for module in list(sys.modules.values()):
+            if getattr(module, "__dict__", {}).get(name, module) is old:
+                setattr(module, name, new)
+
+
+class Statements:
+    """Notes which statements in functions of the targets run: a call before each of them adds its file and line."""
+
+    def __init__(self) -> None:
+        self.seen: set[tuple[str, int]] = set()
+
+    def watch(self, live: Live) -> None:
+        """Give all functions of the targets code with these calls, in this process; compiled ones count as a whole."""
+        from dem_bridge.compiled import Kernel
+
+        compiled = {kernel.py_func.__code__: kernel.__module__ for kernel in live.kernels}
+        lines: dict[str, set[tuple[str, int]]] = {name: set() for name in compiled.values()}
+        for code, name in compiled.items():
+            file = str(Path(code.co_filename).relative_to(ROOT))
+            lines[name].update((file, line) for *_, line in code.co_lines() if line)
+        noted: dict[CodeType, CodeType] = {}
+        for file in [each for each in targets() if _module(each) in sys.modules]:
+            text = (ROOT / file).read_text(encoding="utf-8")
+            tree = ast.parse(text)
+            _insert_notes(tree, file, inside=False)
+            ast.fix_missing_locations(tree)
+            path = str(ROOT / file)
+            plain, watched = (
+                _codes(compile(each, path, "exec", dont_inherit=True)) for each in (ast.parse(text), tree)
+            )
+            noted |= {old: new for old, new in zip(plain, watched, strict=True) if old not in compiled}
+            vars(sys.modules[_module(file)])["__note__"] = self.seen.add
+        live.swap(noted)
+        call = Kernel.__call__
+
+        def noting(kernel: Any, *arguments: Any) -> Any:
+            self.seen |= lines[kernel.__module__]
+            return call(kernel, *arguments)
+
+        setattr(Kernel, "__call__", noting)  # noqa: B010
+
+
+def _insert_notes(node: ast.AST, file: str, *, inside: bool) -> None:
+    inside = inside or isinstance(node, ast.FunctionDef)
+    for _, value in ast.iter_fields(node):
+        for each in value if isinstance(value, list) else []:
+            if isinstance(each, ast.AST):
+                _insert_notes(each, file, inside=inside)
+        if inside and isinstance(value, list) and value and isinstance(value[0], ast.stmt):
+            notes = [ast.parse(f"__note__(({file!r}, {each.lineno}))").body[0] for each in value]
+            value[:] = [each for pair in zip(notes, value, strict=True) for each in pair]

@@ -1,0 +1,415 @@
+"""From fits and errors to names, orders and sentences: each rule by itself, with numbers on both sides of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dem_bridge.errors import UsageError
+from dem_bridge.judging import cause, deck, judgement, limits, order, shown, single
+from dem_bridge.judging.cause import Diagnosis
+from dem_bridge.judging.error import QuantityErrors
+from dem_bridge.judging.fitting import Block, Fit
+from dem_bridge.judging.foreign import Command as ForeignCommand
+from dem_bridge.judging.hypotheses import Hypothesis, Variant
+from dem_bridge.judging.limits import Limit
+from dem_bridge.judging.model import Model
+from dem_bridge.judging.reference import reference_at
+from dem_bridge.lmp.reader.script import Command
+from dem_bridge.readers import Record
+from dem_bridge.scene import Scene, Wall
+from tests.helpers.judged_records import CHAIN, record
+
+PAIR = Scene(name="p", duration=1e-3, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(1.0, 0.0), samples=50)
+
+
+# ---------------------------------------------------------------- which fits are as good, and which name they get
+def fit(
+    name: str = "mass", *, rms: float = 1.0, largest: float = 3.0, error: float = 1e-3, floors: float = 99.0,
+    family: str = "", nameable: bool = True, variant: Variant | None = None,
+) -> Fit:  # fmt: skip
+    system = Model(PAIR).system
+    hypothesis = Hypothesis(name, lambda p: variant or Variant(system), "", family=family, nameable=nameable)
+    return Fit(hypothesis, np.zeros(0), rms, largest, error, np.zeros(0), floors=floors)
+
+
+def named(none: Fit, fits: list[Fit], *, effect: float = 1e3, dt: float | None = 1e-6, rest: float = 1.0) -> Diagnosis:
+    """Return the diagnosis for fits without a file; ``rest`` is the largest error at rest."""
+    decision = SimpleNamespace(
+        adaptive_error=lambda: 1e-10, effect=lambda best: effect, error_at_rest=lambda: rest * none.error
+    )
+    block = SimpleNamespace(values=np.zeros((50, 2)))
+    search: Any = SimpleNamespace(decision=decision, data=SimpleNamespace(dt=dt, blocks=[block]), scene=PAIR)
+    return cause.name_cause(search, none, fits)
+
+
+def test_digits_explain_a_residual_of_their_size_alone() -> None:
+    assert cause._explained(fit(rms=1.2, largest=8.0))
+    assert not cause._explained(fit(rms=3.0, largest=8.0))
+    # a normal distribution has no value of 20 deviations
+    assert not cause._explained(fit(rms=1.2, largest=20.0))
+    # but for small values, whose digits are finer than those of the largest value
+    assert cause._nearly_explained(fit(rms=1.2, largest=99.0, floors=2.0))
+    assert not cause._nearly_explained(fit(rms=1.2, largest=99.0, floors=5.0))
+    assert not cause._nearly_explained(fit(rms=3.0, largest=99.0, floors=2.0))
+
+
+@pytest.mark.parametrize(
+    ("family", "best_family", "ratio", "as_good"),
+    [
+        ("", "", 1.2, True),
+        ("", "", 2.0, False),
+        ("factor", "", 2.0, False),
+        ("", "factor", 2.0, False),
+        ("factor", "factor", 2.0, True),  # what they leave differs by errors of integration
+        ("factor", "factor", 5.0, False),
+    ],
+)
+def test_unexplained_samples_tell_fits_apart_by_what_they_leave(
+    family: str, best_family: str, ratio: float, as_good: bool
+) -> None:
+    best = fit(rms=40.0, largest=900.0, family=best_family)
+    assert cause._as_good(fit(rms=40.0 * ratio, largest=900.0, family=family), best, 100) is as_good
+
+
+def test_explained_samples_tell_fits_apart_by_chi_square() -> None:
+    best = fit(rms=1.0)
+    # 100 samples: 4 more in the sum of squares is chance, 120 more is not
+    assert cause._as_good(fit(rms=1.02), best, 100)
+    assert not cause._as_good(fit(rms=1.48), best, 100)
+
+
+def test_a_cause_may_leave_a_little_to_a_code_of_unknown_method() -> None:
+    none = fit("none", rms=1e4, error=1e-2)
+    assert named(none, [fit("gravity", rms=5.0, largest=50.0, error=1e-5)]).cause == "gravity"
+    # too large for the error of a method, or too much of the difference
+    assert named(none, [fit("gravity", rms=5.0, largest=50.0, error=3e-5)]).cause == "unknown"
+    assert named(none, [fit("gravity", rms=90.0, largest=500.0, error=1e-5)]).cause == "unknown"
+    # what nothing explains is no cause if it is as small as errors of codes are, and none of it is at rest
+    small = fit("none", rms=1e2, error=5e-9)
+    assert named(small, [], rest=0.0).cause == "none"
+    assert named(small, [], rest=0.5).cause == "unknown"
+
+
+def test_an_effect_below_fifty_floors_is_not_named() -> None:
+    none = fit("none", rms=1e3, error=1e-2)
+    assert named(none, [fit("mass")], effect=60.0).cause == "mass"
+    assert named(none, [fit("mass")], effect=40.0).cause == "unknown"
+    assert named(fit("none", rms=1e3, error=1e-7), [fit("mass")], effect=40.0).cause == "none"
+    assert named(none, [fit("drag", nameable=False)]).cause == "unknown"
+
+
+def test_times_in_another_unit_may_as_well_be_scaled_times() -> None:
+    none, system = fit("none", rms=1e6, error=1.0), Model(PAIR).system
+    times = named(none, [fit("units", variant=Variant(system, scale=1e-3))])
+    assert (times.cause, times.alternatives) == ("units", ("time-scale",))
+    for variant in (
+        Variant(system, factors=(1e3, 1.0, 1.0)),
+        Variant(system, scale=1e-3, factors=(1e3, 1.0, 1.0)),
+        Variant(system, scale=1e-3, factors=(1.0, 1.0, 1e3)),
+    ):
+        assert named(none, [fit("units", variant=variant)]).alternatives == ()
+
+
+@pytest.mark.parametrize(
+    ("causes", "answer"),
+    [
+        (("none", "time-shift"), "time-shift"),  # whose effect grows with the step
+        (("none", "half-step-velocity"), "half-step-velocity"),
+        (("none", "mass"), "none"),  # whose effect does not: the finest file would show it
+        (("unknown", "mass"), "unknown"),
+        (("mass", "time-shift"), "mass"),
+        (("none", "none", "none", "time-shift"), "none"),  # files beyond the third are not examined
+    ],
+)
+def test_the_finest_file_decides_but_for_causes_of_the_step(
+    monkeypatch: pytest.MonkeyPatch, causes: tuple[str, ...], answer: str
+) -> None:
+    files: list[Any] = [SimpleNamespace(dt=(k + 1) * 1e-7, name=name) for k, name in enumerate(causes)]
+    monkeypatch.setattr(cause, "_diagnose_file", lambda scene, file, floor: Diagnosis(cause=file.name, evidence=""))
+    assert cause.diagnose(PAIR, files[::-1]).cause == answer
+
+
+# ---------------------------------------------------------------- orders
+def pairs(errors: tuple[float, ...], limit: float = 1e-12) -> list[tuple[float, float]]:
+    return [(error, limit) for error in errors]
+
+
+DT = (1e-7, 2e-7, 4e-7, 8e-7)
+
+
+@pytest.mark.parametrize(
+    ("errors", "limit", "answer"),
+    [
+        ((1.0, 4.0, 16.0, 64.0), 1e-12, (0, False)),  # second order throughout
+        ((1.0, 1.1, 4.4, 17.6), 1e-12, (1, True)),  # the two finest are flat
+        ((1.0, 1.1, 4.4, 17.6), 0.5, (3, False)),  # ... which digits explain, and hide an order there
+        ((1.0, 1.0, 1.1, 1.0), 1e-12, (0, False)),  # nothing follows the step
+        ((1.0, 1.8, 3.2, 6.0), 1e-12, (0, False)),  # first order, nearly
+    ],
+)
+def test_the_first_file_whose_error_follows_the_step(
+    errors: tuple[float, ...], limit: float, answer: tuple[int, bool]
+) -> None:
+    assert order._first_that_follows(DT, pairs(errors, limit), pairs(errors, limit)) == answer
+
+
+def test_an_order_is_as_certain_as_its_errors() -> None:
+    clean = order._order(DT, pairs((1.0, 4.0, 16.0, 64.0)), pairs((1.0, 4.0, 16.0, 64.0)))
+    assert clean is not None
+    assert (clean.value, clean.ends) == (pytest.approx(2.0), (8e-7, 1e-7))
+    assert clean.uncertainty < 1e-9
+    # one error that is 10 % off moves the order of two neighbours by log2(1.1)
+    bent = order._order(DT, pairs((1.1, 4.0, 16.0, 64.0)), pairs((1.1, 4.0, 16.0, 64.0)))
+    assert bent is not None
+    assert 0.5 * math.log2(1.1) < bent.uncertainty < 1.5 * math.log2(1.1)
+    # errors that are known to 1 %: the logarithms of the ends by 2 % of log 8
+    loose = [(error, 0.01 * error) for error, _ in pairs((1.0, 4.0, 16.0, 64.0))]
+    doubtful = order._order(DT, loose, loose)
+    assert doubtful is not None
+    assert doubtful.uncertainty == pytest.approx(0.02 / math.log(8.0), rel=0.01)
+    assert order._order(DT[:1], pairs((1.0,)), pairs((1.0,))) is None
+
+
+def test_an_error_along_a_shape_is_its_part_and_rounding_averages_out() -> None:
+    random = np.random.default_rng(5)
+    shape = random.standard_normal((200, 3))
+    size = float(np.sqrt(np.mean(shape**2)))
+    rounding, reference = 0.05, 1e-4
+    limit = np.full(shape.shape, rounding + reference)
+    value, explained = order._along(shape, 0.3 * shape, limit, reference)
+    assert value == pytest.approx(0.3 * size)
+    # what rounding really leaves along the shape: two deviations hold 95 % of it
+    left = [
+        abs(float(np.sum(random.uniform(-rounding, rounding, shape.shape) * shape))) / (size * shape.size)
+        for _ in range(400)
+    ]
+    assert np.mean(np.array(left) <= explained - reference) == pytest.approx(0.954, abs=0.04)
+    assert order._along(shape, -0.3 * shape, limit, reference)[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("orders", "meaning"),
+    [
+        ({"velocity": 1.0, "displacement": 2.0}, "half_step"),
+        ({"velocity": 2.0, "displacement": 2.0}, "second"),
+        ({"velocity": 1.0, "displacement": 1.0}, "first"),
+        ({"velocity": 0.0, "displacement": 0.05}, "constant"),
+        ({"velocity": 2.0, "displacement": 1.0}, "other"),
+        ({"velocity": 4.0, "displacement": 3.9}, "high"),
+        ({"velocity": -1.0, "displacement": -0.5}, "growing"),
+        ({"displacement": 2.0}, "second"),
+    ],
+)
+def test_orders_have_a_meaning(orders: dict[str, float], meaning: str) -> None:
+    assert shown._meaning({name: {"value": value, "uncertainty": 0.02} for name, value in orders.items()}) == meaning
+    # what is uncertain may be anything near
+    doubtful = {name: {"value": value + 0.4, "uncertainty": 0.5} for name, value in orders.items()}
+    if meaning in ("second", "first", "constant", "half_step"):
+        assert shown._meaning(doubtful) == meaning
+
+
+# ---------------------------------------------------------------- errors
+def test_the_largest_error_may_be_larger_or_smaller_by_what_explains_it() -> None:
+    part = QuantityErrors(
+        quantity="velocity", scale=2.0, error=np.array([[1.0, -3.0]]), explained=np.array([[2.5, 0.2]]),
+        columns=(4, 7), reference_uncertainty=0.0,
+    )  # fmt: skip
+    assert (part.value, part.place, part.floor) == (3.0, "body 7", 2.5)
+    # the other error may be 3.5, this one 2.8
+    assert part.uncertainty == pytest.approx(0.5)
+    sure = replace(part, explained=np.array([[0.1, 0.2]]))
+    assert sure.uncertainty == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("times", [[0.0, 2e-6, 1e-6], [0.0, 1e-6, 1e-6], [0.0, np.nan], [-1e-6, 1e-6], [0.0], []])
+def test_times_without_an_order_have_no_reference(times: list[float]) -> None:
+    with pytest.raises(UsageError, match=r"increasing times|any later\s+time"):
+        reference_at(PAIR, np.array(times))
+
+
+def test_the_reference_is_at_the_times_that_are_given_with_or_without_the_start() -> None:
+    whole, later = (reference_at(PAIR, np.array(times)) for times in ([0.0, 1e-5, 3e-5], [1e-5, 3e-5]))
+    for name, values in whole.values.items():
+        assert later.values[name].shape == (2, values.shape[1])
+        np.testing.assert_allclose(later.values[name], values[1:], rtol=1e-12, atol=1e-15)
+
+
+def test_times_far_beyond_the_scene_suggest_a_unit_and_chains_that_part_are_followed() -> None:
+    file = record()
+    for unit in (1e-3, 1e-6, 1e-9):
+        assert judgement._units_of_time(CHAIN, [judgement._at(file, 1.0 / unit)]) == [unit]
+    assert judgement._units_of_time(CHAIN, [judgement._at(file, 10.0)]) == []
+    assert judgement._units_of_time(CHAIN, [judgement._at(file, 1e5)]) == []
+    assert not judgement._stays_together(CHAIN)
+    walled = replace(CHAIN, wall_right=Wall(stiffness=4e9))
+    assert judgement._stays_together(walled)
+    # nothing is cut from a chain that parts; between walls the reference would take long
+    late = judgement._at(file, 30.0)
+    assert judgement._checked(late, CHAIN)[0].time[-1] == pytest.approx(30.0 * CHAIN.duration)
+    kept, notes = judgement._checked(late, walled)
+    assert kept.time[-1] == pytest.approx(19.5 * CHAIN.duration)
+    assert "14 samples after 0.004 s" in notes[0]
+
+
+def test_files_without_a_sample_after_the_start_cannot_be_judged() -> None:
+    file = record(quantities=("velocity",))
+    with pytest.raises(UsageError, match="no sample after 0 s"):
+        judgement._checked(judgement._rows(file, slice(0, 1)), CHAIN)
+    with pytest.raises(UsageError, match="no velocities, displacements or contact forces"):
+        judgement._checked(Record(name="f", time=file.time, values={}, columns={}, rounding=file.rounding), CHAIN)
+    assert judgement._checked(file, CHAIN)[1] == []
+
+
+# ---------------------------------------------------------------- decks
+def commands(*lines: str) -> tuple[Command, ...]:
+    return tuple(Command("in.x", number, tuple(line.split())) for number, line in enumerate(lines, start=1))
+
+
+def run_of(*lines: str, dangerous: int = 0, dt: float | None = 1e-6, units: str = "si") -> Any:
+    state: Any = SimpleNamespace(units=units)
+    user = deck.UserDeck(
+        path=Path("in.x"), commands=commands(*lines), state=state, read=None, mirrored=False, problems=()
+    )
+    return SimpleNamespace(deck=user, dangerous=dangerous, dt=dt, version=20250722)
+
+
+@pytest.mark.parametrize(
+    ("lines", "dangerous", "risky"),
+    [
+        (("neighbor 1e-3 bin", "neigh_modify delay 100 every 10"), 0, False),  # bodies go 0.2 mm towards each other
+        (("neighbor 1e-3 bin", "neigh_modify every 10 delay 1000"), 0, True),  # 2 mm
+        (("neighbor 1e-3 bin", "neigh_modify check yes every 1000"), 0, True),
+        (("neighbor 1e-3 bin",), 0, False),
+        (("neighbor 1e-3 bin",), 1, True),  # LAMMPS itself says so
+        (("neighbor 1e-3 bin", "neigh_modify delay 0 once yes"), 0, True),
+        (("neighbor 1e-3 bin", "neigh_modify delay 0 once no"), 0, False),
+        (("neighbor 1e-3 bin", "neigh_modify exclude type"), 0, True),
+        ((), 0, False),
+    ],
+)
+def test_neighbour_lists_that_may_miss_contacts_are_suspected(
+    lines: tuple[str, ...], dangerous: int, risky: bool
+) -> None:
+    (limit,) = limits._of_neighbours(run_of(*lines, dangerous=dangerous), 1.0)
+    assert math.isnan(limit.effect) is risky
+    assert risky or limit.effect == 0.0
+    assert f"dangerous builds: {dangerous}" in limit.found
+
+
+def test_a_skin_is_in_the_units_of_the_deck() -> None:
+    (limit,) = limits._of_neighbours(run_of("neighbor 1e-1 bin", "neigh_modify delay 1000", units="cgs"), 1.0)
+    assert math.isnan(limit.effect)
+    (limit,) = limits._of_neighbours(run_of("neighbor 1e-1 bin", "neigh_modify delay 1000"), 1.0)
+    assert limit.effect == 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "digits"),
+    [(None, 6), ("float %20.8g", 8), ("float %.17g", None), ("float %.3f", None), ("float %.12g", 12)],
+)
+def test_digits_of_a_dump_limit_it_by_half_of_the_last_one(text: str | None, digits: int | None) -> None:
+    lines = ["dump 1 all custom 10 f id vx vy vz", *([f"dump_modify 1 format {text}"] if text else [])]
+    by_name = {limit.what: limit for limit in limits._of_own_dump(run_of(*lines).deck)}
+    assert list(by_name) == ([] if digits is None else ["digits of own dump 1"])
+    if digits is not None:
+        assert by_name["digits of own dump 1"].effect == pytest.approx(0.5 * 10.0 ** (1 - digits))
+
+
+def test_limits_are_sorted_by_their_effect_and_newton_has_none() -> None:
+    (newton,) = limits._of_contacts(run_of("newton off"))
+    assert newton.effect == 0.0
+    unsorted = [newton] + [Limit(what=str(e), found="", effect=e, advice="") for e in (1e-6, math.nan, 1e-2)]
+    assert [limit.what for limit in sorted(unsorted, key=limits._place)] == ["0.01", "1e-06", "nan", "newton"]
+
+
+def test_an_error_of_the_first_sample_counts_beside_the_twin() -> None:
+    error = np.zeros((PAIR.samples + 1, 1))
+    error[0] = 0.25
+    times = np.linspace(0.0, PAIR.duration, PAIR.samples + 1)
+    part = SimpleNamespace(error=error, columns=(1,))
+    file: Any = SimpleNamespace(quantities={"velocity": part}, record=SimpleNamespace(time=times))
+    assert limits._difference_from_twin(PAIR, file, np.zeros((PAIR.samples + 1, 2))) == 0.25
+
+
+def test_a_deck_takes_along_what_it_names_in_its_folder_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    for name in ("in.x", "data.x", "out/table", "../beside"):
+        (tmp_path / name).write_text("")
+    user: Any = SimpleNamespace(
+        path=tmp_path / "in.x",
+        commands=commands("read_data data.x", f"include {tmp_path / 'data.x'}", "include ../beside", "log none.log",
+                          "dump 1 all custom 1 out/new id", "pair_coeff * * out/table", "dump 2 a b 1 no/where id"),
+    )  # fmt: skip
+    assert deck._named_paths(user) == {"in.x", "data.x", "out/new", "out/table"}
+
+
+def test_step_and_radius_of_a_deck_are_in_its_units() -> None:
+    atoms = {1: SimpleNamespace(radius=0.5), 2: SimpleNamespace(radius=2.0)}
+    for units, length, time in (("si", 1.0, 1.0), ("cgs", 1e-2, 1.0), ("micro", 1e-6, 1e-6)):
+        user = run_of(units=units).deck
+        user.state.__dict__.update(particles=SimpleNamespace(atoms=atoms), time_steps=[], step=3.0)
+        assert user.radius == pytest.approx(2.0 * length)
+        assert user.dt == pytest.approx(3.0 * time)
+        user.state.__dict__.update(particles=SimpleNamespace(atoms={}), time_steps=[1.0, 2.0])
+        assert (user.radius, user.dt) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("sh {dt}", r"has no \{out\}"),
+        ("sh {out}", r"has no \{dt\}"),
+        ("sh {dt} {out} {out.csv}", "has 2 names of its output"),
+        ("sh {dt} {out} {other}", "the placeholder {other} is unknown"),
+    ],
+)
+def test_what_a_command_lacks_is_named(command: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        ForeignCommand.of(command)
+
+
+# ---------------------------------------------------------------- single precision
+def block_of(*columns: np.ndarray, quantity: int = 0, digits: float = 1e-13) -> Block:
+    values = np.column_stack(columns)
+    scale = float(np.max(np.abs(values)))
+    return Block(
+        quantity, values, np.arange(values.shape[1]), np.full(values.shape, digits), np.isfinite(values), scale,
+        np.full(values.shape, digits * scale),
+    )  # fmt: skip
+
+
+def is_single(*blocks: Block) -> bool:
+    data: Any = SimpleNamespace(blocks=blocks)
+    return single.on_single_grid(data)
+
+
+def test_numbers_of_single_precision_are_recognised_and_doubles_are_not() -> None:
+    random = np.random.default_rng(2)
+    doubles, others = random.uniform(0.1, 0.8, (2, 60))
+    rounded, exact = (part.astype(np.float32).astype(float) for part in (doubles, others))
+    rest = np.zeros(60)
+    assert is_single(block_of(rounded, exact, rest))
+    assert is_single(block_of(np.round(rounded, 11), digits=1e-11))
+    assert not is_single(block_of(doubles, others, rest))
+    assert not is_single(block_of(rounded, others, rest))
+    assert not is_single(block_of(1e-6 * doubles, digits=1e-17))
+    # six digits do not resolve a grid of seven, and ten values are too few
+    assert not is_single(block_of(np.round(rounded, 6), digits=5e-7))
+    assert not is_single(block_of(rounded[:10]))
+
+
+def test_displacements_on_the_grid_of_a_position_are_recognised() -> None:
+    random = np.random.default_rng(2)
+    near, far = random.uniform(0.0, 1e-4, (2, 60))
+    grid = 2.0**-30
+    on_grid, origin = grid * np.rint(far / grid), near.astype(np.float32).astype(float)
+    assert is_single(block_of(origin, on_grid, quantity=1))  # a body that starts at the origin has its own grid
+    assert not is_single(block_of(near, on_grid, quantity=1))
+    assert not is_single(block_of(near, far, quantity=1))
