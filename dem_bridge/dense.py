@@ -203,18 +203,20 @@ def at_turns(
     force = np.where(first, force[0], force[1])
     if laws is None:
         power = exponent[contacts] - 1.0
+        # where the law is stiff and the nearer sample shallow, a tiny force times a huge ratio: two roots of it do
         with np.errstate(over="ignore"):
             force_ratio = ratio**power
-        # where the law is stiff and the nearer sample shallow, a tiny force times a huge ratio: two roots of it do
-        huge = np.isinf(force_ratio)
-        root = ratio[huge] ** (0.5 * power[huge])
-        force_ratio[huge], force[huge] = root, force[huge] * root
+            huge = np.isinf(force_ratio)
+            root = ratio[huge] ** (0.5 * power[huge])
+            force_ratio[huge], force[huge] = root, force[huge] * root
     else:
         nearer_force = laws.force(np.where(compressed, nearer, 0.0), contacts)
         force_ratio = np.divide(
             laws.force(np.maximum(top, 0.0), contacts), nearer_force, out=ratio, where=nearer_force > 0.0
         )
-    np.maximum.at(peak_force, contacts, force * force_ratio)
+    with np.errstate(over="ignore", invalid="ignore"):  # a force beyond doubles is infinite
+        peaks = np.nan_to_num(force * force_ratio, nan=np.inf, posinf=np.inf)
+    np.maximum.at(peak_force, contacts, peaks)
     when = time + fraction * width
     for contact, instant in zip(contacts[compressed][::-1], when[compressed][::-1], strict=True):
         crossing[contact] = instant  # backwards in time, so that the first maximum remains

@@ -85,13 +85,13 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
     if case.backend not in REPLICAS:
         return run.uncertainty
     from dem_bridge.backends.scipy_dop853 import ScipyDop853
-    from dem_bridge.uncertainty.replicas import RULES, looser_rule, replica_uncertainty
+    from dem_bridge.uncertainty.replicas import looser_rule, replica_uncertainty, rule_of
 
     looser = looser_cases(case)
     if not looser:
         code = cast(Replicating, backend(case.backend))
         replicas = code.replicas(case.scene, case.resolution, case.sampling)
-        return replica_uncertainty(run, replicas, RULES[case.backend])
+        return replica_uncertainty(run, replicas, rule_of(case.backend, case.scene))
     runs, scipy = [], ScipyDop853(largest_rtol=math.inf)  # a looser run need not be as good as a reference
     for number, other in enumerate(looser, start=1):
         with progress.share(number / (1 + len(looser)), 1.0 / (1 + len(looser))):

@@ -165,8 +165,10 @@ def table_part(family: TwinFamily) -> Part:
 def reading_part(family: TwinFamily) -> tuple[Part, Part]:
     """Return the uncertainty by reading between dense samples, and the part of it that thinning shows."""
     peak, crossing = family.readings.thinned
+    with np.errstate(invalid="ignore"):  # forces beyond doubles are unknown
+        peaks = np.nan_to_num(np.abs(peak - family.positional.peak_force), nan=math.inf, posinf=math.inf)
     lost = {
-        "peak_force": family.thinning * np.abs(peak - family.positional.peak_force),
+        "peak_force": family.thinning * peaks,
         "crossing_time": family.thinning * np.nan_to_num(np.abs(crossing - family.positional.crossing_time)),
     }
     part = {

@@ -18,10 +18,12 @@ from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.uncertainty.family import TwinFamily
-from dem_bridge.uncertainty.readings import complete_family, read_dense, runs_at_other_steps
+from dem_bridge.uncertainty.readings import complete_family, finer_ratio, read_dense, runs_at_other_steps
 
 #: ratios of the steps of the other runs to that of the family
 RATIOS = (1.0 / 2.0, 1.0 / 3.0)
+#: largest step of the finer run, of 1/omega of the stiffest contact: a third of the default one and a little more
+RESOLVED = 0.02
 #: part of the change by thinning that counts: the step errs so little that the reading counts in full
 THINNING = 1.0
 #: factor of the difference between the two finer runs: small where the order is clean, and most of the uncertainty
@@ -39,12 +41,13 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
     watch = Stopwatch()
     scene, prescan = case.scene, prescan_scene(case.scene)
     plan = fixed_step_plan(scene, case.resolution, case.sampling, prescan, PHASE)
-    if plan.steps > MOST_STEPS / 3:
+    ratios = (RATIOS[0], finer_ratio(RATIOS[1], plan, prescan, RESOLVED))
+    if plan.steps > min(ratios) * MOST_STEPS:
         return None
     run = partial(solve, BlanesMoan(), SRKN_6B, scene)
     main, dense = run(plan)
     cache.keep(case, main)
-    plans, others = runs_at_other_steps(case, plan, RATIOS, prescan, cache, lambda steps: run(steps, full=False)[0])
+    plans, others = runs_at_other_steps(case, plan, ratios, prescan, cache, lambda steps: run(steps, full=False)[0])
     family = TwinFamily(
         scene=scene,
         plan=plan,

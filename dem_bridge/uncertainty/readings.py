@@ -30,6 +30,16 @@ def read_dense(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> D
     )
 
 
+def finer_ratio(ratio: float, plan: Schedule, prescan: Prescan, resolved: float) -> float:
+    """Return the ratio of the finer step to that of a run: ``ratio``, or less so that it resolves every contact.
+
+    ``resolved`` is the largest step that does, in units of 1/omega of the stiffest contact. Where no run of a family
+    resolves a contact, all of them may miss it, or err by the same.
+    """
+    phase = plan.step * prescan.frequency
+    return min(ratio, resolved / phase) if phase > 0.0 else ratio
+
+
 def runs_at_other_steps(
     case: Case,
     plan: Schedule,
