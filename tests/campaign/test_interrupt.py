@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,6 +20,7 @@ import pytest
 from dem_bridge import progress
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import run, run_cases
+from dem_bridge.campaign.tasks import Outcome, Task, broken, perform_task
 from dem_bridge.cli import terminal
 from dem_bridge.progress import Campaign, Interrupted, request_stop, withdraw_stop
 from dem_bridge.runs.case import Case
@@ -180,6 +182,40 @@ def test_the_progress_is_a_line_of_json_for_each_change(capsys: pytest.CaptureFi
     last = lines[-1]
     assert (last["done"], last["fraction"], last["eta"], last["failures"], last["running"]) == (4, 1.0, 0.0, 0, [])
     assert last["rate"] > 0.0
+
+
+def test_broken_runs_are_counted_and_the_counts_add_up(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cases = _cases(4)
+
+    def perform(task: Task) -> Outcome:
+        return broken("it broke", "log") if task.case == cases[1] else perform_task(task)
+
+    monkeypatch.setattr(run, "perform_task", perform)
+    with terminal.bar(True) as callback:
+        run_cases(cases, progress=callback)
+    lines: list[dict[str, Any]] = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+    assert {line["total"] for line in lines} == {4}
+    assert {line["done"] for line in lines} == set(range(5))
+    failures = [line["failures"] for line in lines]
+    assert failures == sorted(failures)
+    assert (failures[0], failures[-1]) == (0, 1)
+
+
+def test_the_rate_and_the_remaining_time_follow_from_what_was_done_since_the_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = SimpleNamespace(now=100.0)
+    monkeypatch.setattr(terminal, "time", SimpleNamespace(monotonic=lambda: clock.now))
+    meter = terminal._Meter(lambda _: None)
+    state = Campaign(total=8, done=2)  # two are in the store
+    meter.watch(state)
+    clock.now += 10.0
+    state.update(done=3)
+    meter.watch(state)
+    meter.advance(2.0, 8, "pair")  # a quarter of the time that all are expected to take
+    assert (meter.as_json()["rate"], meter.as_json()["eta"]) == (0.3, 30.0)
 
 
 def test_the_line_of_a_terminal_says_the_rate_failures_and_what_is_running() -> None:

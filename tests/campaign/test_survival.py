@@ -108,6 +108,27 @@ def _small_disk(folder: Path, size: str) -> Iterator[None]:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("survival", [SMALL], indirect=True)
+def test_two_campaigns_that_see_the_store_by_two_mounts_share_the_work(survival: Survival) -> None:
+    # as two machines see a folder of a network file system
+    store, elsewhere = survival.store, survival.folder / "elsewhere"
+    with _small_disk(store, "10m"):
+        elsewhere.mkdir()
+        subprocess.run(["mount", "--bind", str(store), str(elsewhere)], check=True)
+        try:
+            programs = [survival.begin()]
+            survival.store = elsewhere
+            programs.append(survival.begin())
+            survival.store = store
+            ends = [survival.finish(program) for program in programs]
+        finally:
+            subprocess.run(["umount", str(elsewhere)], check=True)
+        assert ends[0]["digest"] == ends[1]["digest"]
+        assert survival.counted("begin") == survival.cases
+        assert _complete(survival)["stored"] == survival.cases
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("survival", [40], indirect=True)
 def test_a_campaign_on_a_full_disk_ends_without_storing_and_goes_on_when_there_is_room(survival: Survival) -> None:
     with _small_disk(survival.store, "100k"):

@@ -15,10 +15,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import cycle
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import click
@@ -40,7 +41,10 @@ def program() -> click.Group:
 
 
 def main(folder: str, count: str, jobs: str, kind: str, json_progress: bool) -> None:
-    """Run the campaign and print what came out; ``kind``: "twin", or "lammps" for one and two ranks in turn."""
+    """Run the campaign and print what came out.
+
+    ``kind``: "twin", "lammps-1", or "lammps" for one and two ranks in turn.
+    """
     from dem_bridge.backends.base import Resolution, Sampling
     from dem_bridge.campaign import run_cases
     from dem_bridge.cli.terminal import bar
@@ -53,13 +57,15 @@ def main(folder: str, count: str, jobs: str, kind: str, json_progress: bool) -> 
         Scene(name=f"n{n}", duration=2e-4, mass=(1e-2,) * 3, stiffness=(4e9,) * 2, velocity=(0.5 + 1e-3 * n, 0.0, 0.0))
         for n in range(int(count))
     ]
+
+    def lammps(dt: float, ranks: int) -> dict[str, Any]:
+        return {"backend": "lammps-granular", "resolution": Resolution(dt=dt), "engine": Engine(ranks=ranks)}
+
     runs_of: dict[str, list[dict[str, Any]]] = {
         "twin": [{"backend": "verlet", "resolution": Resolution(dt=5e-10)}],
-        "lammps": [
-            # two ranks wait for each other at every step, which takes long on a busy machine
-            {"backend": "lammps-granular", "resolution": Resolution(dt=dt), "engine": Engine(ranks=ranks)}
-            for dt, ranks in ((1e-9, 1), (1e-6, 2))
-        ],
+        # two ranks wait for each other at every step, which takes long on a busy machine
+        "lammps": [lammps(1e-9, 1), lammps(1e-6, 2)],
+        "lammps-1": [lammps(1e-9, 1)],
     }
     settings = cycle(runs_of[kind])
     cases = [Case(scene=scene, sampling=Sampling(count=20), uncertainty=False, **next(settings)) for scene in scenes]
@@ -97,7 +103,11 @@ class Survival:
         part.replace(self.folder / "halt")
 
     def begin(
-        self, *options: str, halt: int = sys.maxsize, prepare: Callable[[], object] = int, **variables: str
+        self,
+        *options: str,
+        halt: int = sys.maxsize,
+        prepare: Callable[[], object] = int,
+        variables: Mapping[str, str] = MappingProxyType({}),
     ) -> subprocess.Popen[str]:
         """Start a campaign, in a session of its own; it begins no run when so many have ended in all.
 
