@@ -8,7 +8,7 @@ PYTEST := -n auto
 # without bytecode every process of the tests, and every process that a test starts, would compile all modules again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup verify test test-all bench docs lint peers pins wheels mutate soak clean
+.PHONY: setup verify test test-all bench docs lint peers pins wheels mutate soak coverage clean
 
 setup: $(STAMP)
 
@@ -76,5 +76,13 @@ mutate: $(STAMP)
 soak: $(STAMP)
 	$(BIN)/python -m tests.soak --write $(ARGS)
 
+# which branches the tests of `make test` run, a quarter of an hour; the table of docs/quality.md, and assertions that never ran
+coverage: $(STAMP)
+	$(BIN)/python -m tests.helpers.compile_kernels
+	$(BIN)/python -m coverage erase
+	$(BIN)/python -m coverage run -m pytest $(PYTEST) -m "not slow"
+	$(BIN)/python -m coverage combine -q
+	$(BIN)/python .ci/coverage_table.py
+
 clean:
-	rm -rf $(VENV) $(VENV)-new reports/latest docs/_build
+	rm -rf $(VENV) $(VENV)-new reports/latest docs/_build .coverage*

@@ -25,7 +25,7 @@ def with_rows(page: str, name: str, rows: Sequence[Sequence[str]]) -> str:
     | 10 | c |
     <!-- end of counts -->
     """
-    pattern = rf"(<!-- {name}: .*?-->\n\|.*\n\|[-|]+\|\n)(.*?)(<!-- end of {name} -->)"
+    pattern = rf"(<!-- {name}: .*?-->\n\|.*\n\|[-:|]+\|\n)(.*?)(<!-- end of {name} -->)"
     block = re.search(pattern, page, re.DOTALL)
     if block is None:
         raise SystemExit(f"{PAGE} has no table {name!r}")

@@ -43,6 +43,7 @@ def compile_part(part: int) -> None:
         model = Model(HERTZ)
         model.exact(model.system, np.array([0.0, 1e-6]))
         model.stepped(model.system, np.array([0, 1]), 1e-7)
+        db.ensemble(HERTZ, {"mass": 0.1}, n=2, checks=0)
 
 
 def main() -> None:

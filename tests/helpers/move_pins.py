@@ -7,6 +7,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent.parent / ".ci"))
 
+import coverage_table as coverage_table
 import faults as faults
 import move_pins as move_pins
 import mutate as mutate

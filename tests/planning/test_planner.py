@@ -413,9 +413,9 @@ def test_a_backend_that_cannot_do_the_scene_is_refused() -> None:
             db.plan(scene, 1e-3, name)
 
 
-@pytest.mark.slow
-def test_a_budget_that_is_too_small_says_what_it_buys(solved: Solve) -> None:
-    scene = db.load_scene("accelerating-40")
+@pytest.mark.parametrize("name", ["", pytest.param("accelerating-40", marks=pytest.mark.slow)])
+def test_a_budget_that_is_too_small_says_what_it_buys(name: str) -> None:
+    scene = db.load_scene(name) if name else FIVE
     whole = db.plan(scene, 1e-7, "verlet")
     assert whole.found_cost is not None
     assert db.plan(scene, 1e-7, "verlet", budget=10.0 * whole.found_cost + 1.0).backend == "verlet"
