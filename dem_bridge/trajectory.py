@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
+import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from dem_bridge.arguments import check_arguments, is_path
 from dem_bridge.errors import UsageError
 from dem_bridge.files import check_file
+from dem_bridge.leftovers import owned, sweep
 from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.version import schema_fault
 
@@ -318,8 +319,9 @@ class Trajectory(_ReadOnly):
         check_arguments(Trajectory.save, {"self": self, "path": path})
         path = Path(path)
         check_file(path)
-        part = path.with_name(f"{path.name}.{os.getpid()}.part")
+        part = path.with_name(f"{owned('.dem-bridge')}{threading.get_ident():x}")
         try:
+            sweep(path.parent)
             self.to_xarray().to_netcdf(part, engine="h5netcdf")
             part.replace(path)
         except OSError as error:

@@ -13,7 +13,13 @@ from dem_bridge.cli.options import check_output, with_options
 
 @with_options("export")
 def export(
-    scene: str, table: str, no_run: bool, format: str | None = None, output: Path | None = None, **settings: Any
+    scene: str,
+    table: str,
+    no_run: bool,
+    force: bool,
+    format: str | None = None,
+    output: Path | None = None,
+    **settings: Any,
 ) -> None:
     """Write a table of SCENE.
 
@@ -23,7 +29,7 @@ def export(
     from dem_bridge.exports.formats import format_for
 
     if output is not None:
-        check_output(scene, output)
+        check_output(scene, output, force)
     chosen = format_for("csv" if format is None and output is None else format, output, table)
     if chosen == "parquet" and output is None:
         raise click.UsageError("parquet is a binary format and cannot be printed; name a file: -o FILE.parquet.")

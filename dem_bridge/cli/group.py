@@ -109,7 +109,9 @@ def scenes(as_json: bool) -> None:
 
 
 @with_options("run")
-def run(scene: str, as_json: bool, backend: str | None = None, output: Path | None = None, **settings: Any) -> None:
+def run(
+    scene: str, as_json: bool, force: bool, backend: str | None = None, output: Path | None = None, **settings: Any
+) -> None:
     """Solve SCENE with one backend.
 
     The output is a summary of the run with uncertainties.
@@ -117,7 +119,7 @@ def run(scene: str, as_json: bool, backend: str | None = None, output: Path | No
     if backend is None and "accuracy" not in settings:
         raise click.UsageError("Missing option '--backend', or '--accuracy', for which the cheapest backend is chosen.")
     if output is not None:
-        check_output(scene, output)
+        check_output(scene, output, force)
     with terminal.fraction(f"{scene} by {backend or 'the cheapest backend'}"):
         result = dem_bridge.solve(scene, backend=backend, **settings)
     _warn(result)

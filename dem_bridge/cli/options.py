@@ -167,12 +167,12 @@ def check_new(path: Path, force: bool) -> None:
         raise UsageError(f"{path}: the file exists; allowed: a new file, or --force to replace it")
 
 
-def check_output(scene: str, output: Path) -> None:
-    """Raise UsageError unless ``output`` can be written without replacing the scene file that is read."""
+def check_output(scene: str, output: Path, force: bool) -> None:
+    """Raise UsageError as :func:`check_new`, and if ``output`` is the scene file that is read."""
     source = Path(scene)
     if source.is_file() and output.exists() and output.samefile(source):
         raise UsageError(f"{output}: the output would replace the scene file; name another file")
-    check_file(output)
+    check_new(output, force)
 
 
 def print_json(document: Any) -> None:

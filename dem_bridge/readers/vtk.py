@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.readers.digits import texts_of
 from dem_bridge.readers.frames import EXTRA_COLUMNS, GROUPS, grouped
 from dem_bridge.readers.headings import heading_of
 
@@ -86,7 +87,7 @@ class _Legacy:
             if words is None:
                 raise UsageError("the VTK file is cut off; write it again")
             words_read += [word.encode("latin-1") for word in words]
-        return np.array(words_read[:count], dtype=np.bytes_)
+        return texts_of(words_read[:count])
 
     def arrays(self) -> Iterator[tuple[str, NDArray[Any]]]:
         """Yield the points, the point data and the field data of the file; cells are skipped."""
@@ -168,7 +169,7 @@ class _Xml:
         if kind not in _TYPES:
             raise UsageError(f"the VTK file has values of the type {kind!r}; allowed: {', '.join(list(_TYPES)[12:])}")
         if part.get("format") == "ascii":
-            return np.array((part.text or "").encode("latin-1").split(), dtype=np.bytes_)
+            return texts_of((part.text or "").encode("latin-1").split())
         try:
             if part.get("format") == "appended":
                 source = self.appended[int(part.get("offset", "0")) :]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.readers.digits import texts_of
 from dem_bridge.readers.frames import EXTRA_COLUMNS, FrameCollector, Frames, whole_numbers
 
 _PAIR = re.compile(r"(\w+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)'|([^\s,]+))")
@@ -75,7 +76,7 @@ def _columns(
     words = properties.split(":")
     columns, at, ids = dict[str, NDArray[Any]](), 0, np.arange(count)
     for name, width in zip(words[0::3], map(int, words[2::3]), strict=True):
-        part = np.array([row[at : at + width] for row in rows], dtype=np.bytes_)
+        part = texts_of([row[at : at + width] for row in rows])
         at += width
         if part.shape != (count, width):
             raise ValueError(f"{len(rows[0])} columns, the property list has more")

@@ -110,7 +110,7 @@ def test_a_file_that_cannot_be_finished_leaves_what_was_there(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    _one_line(export("--table", "bodies", "-o", str(file)), "No space left on device")
+    _one_line(export("--table", "bodies", "-o", str(file), "--force"), "No space left on device")
     monkeypatch.undo()
     assert file.read_text() == "what was there"
     assert {one.name for one in tmp_path.iterdir()} == {"bodies.csv", "small.toml"}

@@ -317,6 +317,27 @@ def test_files_that_exist_are_replaced_only_by_force(tmp_path: Path) -> None:
     assert not (tmp_path / "report").exists()
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", "decelerating-40", "--backend", "bca", "-o"),
+        ("export", "decelerating-40", "--table", "bodies", "--format", "csv", "-o"),
+        *(("regress", "--baselines", ".", option) for option in ("--json", "--junit", "--markdown")),
+    ],
+    ids=lambda words: f"{words[0]} {words[-1]}",
+)
+def test_no_command_replaces_a_file_without_force(words: tuple[str, ...], tmp_path: Path) -> None:
+    (tmp_path / "v").write_text("precious")
+    (tmp_path / "link").symlink_to("v")
+    for name in ("v", "link"):
+        done = run_here(*words, name, cwd=tmp_path)
+        assert (done.returncode, "the file exists; allowed: a new file, or --force" in done.stderr) == (2, True)
+    assert (tmp_path / "v").read_text() == "precious"
+    if words[0] == "export":
+        assert run_here(*words, "v", "--force", cwd=tmp_path).returncode == 0
+        assert (tmp_path / "v").read_text() != "precious"
+
+
 def test_files_of_a_scene_may_be_elsewhere_if_the_user_says_so(tmp_path: Path) -> None:
     (tmp_path / "force.csv").write_text("0,1\n1,1\n")
     (tmp_path / "inner").mkdir()

@@ -411,6 +411,15 @@ def test_what_stopped_new_users_is_read_and_said(kind: str, tmp_path: Path) -> N
         assert record.dt == 2e-7
 
 
+@pytest.mark.parametrize(
+    ("comment", "dt"),
+    [("dt = 0.2 us", 2e-7), ("time step [ms]: 2e-4", 2e-7), ("dt = 2e-7, 3 runs", 2e-7), ("dt = 2e-7 days", None)],
+)
+def test_a_time_step_in_a_comment_has_the_unit_that_it_names(comment: str, dt: float | None, tmp_path: Path) -> None:
+    record = _read(tmp_path, f"# {comment}\n" + _table("t,v0", RUN.time, FIRST), "run.csv")
+    assert record.dt == (None if dt is None else pytest.approx(dt))
+
+
 #: two samples of two bodies, as other codes and programs write them
 _HABITS = {
     "a row of units": "t,v0,v1\nms,mm/s,mm/s\n0,800,0\n1e-3,700,100\n",
@@ -622,6 +631,38 @@ def test_damage_is_refused_in_one_line_or_does_no_harm(kind: str, tmp_path: Path
         assert "\n" not in refusal
         assert len(refusal) < 700
     assert refused >= 3
+
+
+_LONG = "1" + 450 * "0"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"t,v0,v1\n0,{_LONG},0\n1,0,0\n",
+        f"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n1\nITEM: ATOMS id x vx\n1 0 {_LONG}\n",
+        f"1\nProperties=species:S:1:pos:R:3\nX 0 0 {_LONG}\n",
+        f"# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 1 float\n0 0 {_LONG}\n",
+        "<VTKFile><PolyData><Piece><Points><DataArray type='Float64' format='ascii'>0 0"
+        f" {_LONG}</DataArray></Points></Piece></PolyData></VTKFile>",
+    ],
+    ids=("csv", "dump", "xyz", "vtk", "vtp"),
+)
+def test_a_long_number_does_not_take_its_memory_for_every_number(text: str, tmp_path: Path) -> None:
+    (tmp_path / "long").write_text(text)
+    assert "numbers of up to 451 characters; allowed: up to 400" in _refusal(tmp_path / "long", {})
+
+
+def test_lines_values_and_characters_together_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "table").write_text("t,v0,v1\n" + "0,0,0\n" * 21)
+    for name, problem in {
+        "source.MOST_LINES": "more than 20 lines",
+        "tables._MOST_VALUES": "more than 20 values",
+        "digits._MOST_CHARACTERS": "has 21 numbers of up to 1 characters",
+    }.items():
+        with monkeypatch.context() as patch:
+            patch.setattr(f"dem_bridge.readers.{name}", 20)
+            assert problem in _refusal(tmp_path / "table", {})
 
 
 def _refusal(path: Path, how: dict[str, Any]) -> str:
