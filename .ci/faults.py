@@ -47,7 +47,8 @@ def changes(tree: ast.AST) -> Iterator[Change]:
 
     >>> text = "y = -x + 1 if x < 2.0 else max(x, z)"
     >>> for k in range(7):
-    ...     print(mutated(text, k)[1])
+    ...     with mutated(text, k) as (_, line, _, _):
+    ...         print(line)
     y = -x + 1 if not x < 2.0 else max(x, z)
     y = -x + 1 if x <= 2.0 else max(x, z)
     y = -x + 1 if x < 4.0 else max(x, z)
@@ -89,21 +90,31 @@ def _numbers(value: object) -> Iterator[object]:
         yield 2.0 * value if value else 1.0
 
 
-def mutated(text: str, index: int) -> tuple[ast.Module, str, int, str]:
-    """Return the tree with a change, the first changed line of the text, its number, and that line before."""
+@functools.cache
+def _parsed(text: str) -> tuple[ast.Module, list[Change]]:
     tree = ast.parse(text)
-    node, field, place, new = list(changes(tree))[index]
+    return tree, list(changes(tree))
+
+
+@contextlib.contextmanager
+def mutated(text: str, index: int) -> Iterator[tuple[ast.Module, str, int, str]]:
+    """Yield the tree with a change, the first changed line of the text, its number, and that line before."""
+    tree, every = _parsed(text)
+    node, field, place, new = every[index]
     line: int = getattr(node, "lineno", 0) or getattr(new, "lineno", 0)
     around = next(each for each in tree.body if each.lineno <= line <= (each.end_lineno or 0))
     before = ast.unparse(around).splitlines()
-    if place is None:
-        setattr(node, field, new)
-    else:
-        getattr(node, field)[place] = new
+    holder: Any
+    key: Any
+    holder, key = (vars(node), field) if place is None else (getattr(node, field), place)
+    old, holder[key] = holder[key], new
     ast.fix_missing_locations(tree)
     after = ast.unparse(around).splitlines()
     changed = next((pair for pair in zip(before, after, strict=False) if pair[0] != pair[1]), ("", ""))
-    return tree, changed[1].strip(), line, changed[0].strip()
+    try:
+        yield tree, changed[1].strip(), line, changed[0].strip()
+    finally:
+        holder[key] = old
 
 
 def targets(parts: Sequence[str] = PARTS) -> list[str]:
@@ -115,8 +126,8 @@ def targets(parts: Sequence[str] = PARTS) -> list[str]:
 
 @functools.cache
 def _every_change() -> list[tuple[str, int]]:
-    trees = {file: ast.parse((ROOT / file).read_text(encoding="utf-8")) for file in targets()}
-    return [(file, k) for file, tree in trees.items() for k, _ in enumerate(changes(tree))]
+    texts = {file: (ROOT / file).read_text(encoding="utf-8") for file in targets()}
+    return [(file, k) for file, text in texts.items() for k in range(len(_parsed(text)[1]))]
 
 
 def sample(count: int, seed: int) -> list[Mutant]:
@@ -125,8 +136,8 @@ def sample(count: int, seed: int) -> list[Mutant]:
     random.Random(seed).shuffle(every)
     chosen = []
     for file, index in every[:count]:
-        _, after, line, before = mutated((ROOT / file).read_text(encoding="utf-8"), index)
-        chosen.append(Mutant(file, index, line, before, after))
+        with mutated((ROOT / file).read_text(encoding="utf-8"), index) as (_, after, line, before):
+            chosen.append(Mutant(file, index, line, before, after))
     return chosen
 
 
@@ -179,21 +190,24 @@ def plant(mutant: Mutant, live: Live) -> None:
     """Give the functions and constants of a module their changed code and values, in this process."""
     path = ROOT / mutant.file
     text = path.read_text(encoding="utf-8")
-    tree, *_ = mutated(text, mutant.index)
-    before, after = (_codes(compile(each, str(path), "exec", dont_inherit=True)) for each in (ast.parse(text), tree))
+    before = _codes(compile(text, str(path), "exec", dont_inherit=True))
+    with mutated(text, mutant.index) as (tree, *_):
+        after = _codes(compile(tree, str(path), "exec", dont_inherit=True))
+        around = [each for each in tree.body if each.lineno <= mutant.line <= (each.end_lineno or 0)]
+        statement = compile(ast.Module(around[:1], []), str(path), "exec", dont_inherit=True)
     changed = {old: new for old, new in zip(before, after, strict=True) if old != new}
     module = sys.modules[_module(mutant.file)]
     live.swap(changed)
-    if any(kernel.py_func.__code__ in changed.values() for kernel in live.kernels):
+    compiled = [kernel for kernel in live.kernels if kernel.__module__ == module.__name__]
+    if any(kernel.py_func.__code__ in changed.values() for kernel in compiled):
         import numba
 
-        for kernel in live.kernels:  # compiled code of the right one must not be used
+        for kernel in compiled:  # compiled code of the right one must not be used; no other module calls these
             vars(kernel).pop("compiled", None)
         numba.njit = functools.partial(lambda njit, cache, nogil: njit(nogil=nogil), numba.njit)
     if not lines_of(text, mutant.line):  # executed by the import
-        statement = next(each for each in tree.body if each.lineno <= mutant.line <= (each.end_lineno or 0))
         names = dict(vars(module))
-        exec(compile(ast.Module([statement], []), str(path), "exec", dont_inherit=True), names)
+        exec(statement, names)
         for name, value in names.items():
             if name != "__builtins__" and value is not vars(module).get(name):
                 _replace(vars(module).get(name), value, name)
@@ -226,6 +240,10 @@ def _replace(old: Any, new: Any, name: str) -> None:
                 setattr(module, name, new)
 
 
+#: place of a file's lines where a test calls compiled functions without the compiler, which would take seconds
+INTERPRETED = ("interpreted", 0)
+
+
 class Statements:
     """Notes which statements in functions of the targets run: a call before each of them adds its file and line."""
 
@@ -254,13 +272,18 @@ class Statements:
             noted |= {old: new for old, new in zip(plain, watched, strict=True) if old not in compiled}
             vars(sys.modules[_module(file)])["__note__"] = self.seen.add
         live.swap(noted)
-        call = Kernel.__call__
+        call, interpret = Kernel.__call__, Kernel.interpret
 
         def noting(kernel: Any, *arguments: Any) -> Any:
             self.seen |= lines[kernel.__module__]
             return call(kernel, *arguments)
 
+        def interpreting(kernel: Any, *arguments: Any) -> Any:
+            self.seen |= {*lines[kernel.__module__], INTERPRETED}
+            return interpret(kernel, *arguments)
+
         setattr(Kernel, "__call__", noting)  # noqa: B010
+        setattr(Kernel, "interpret", interpreting)  # noqa: B010
 
 
 def _insert_notes(node: ast.AST, file: str, *, inside: bool) -> None:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from dem_bridge.judging.decision import Decision
-from dem_bridge.judging.fitting import Data, Fitter, Stepping, least
+from dem_bridge.judging.fitting import MOST_STEPS, Data, Fitter, Stepping, least
 from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, _effective, global_hypotheses
 from dem_bridge.judging.kernels import RK4, VERLET
 from dem_bridge.judging.model import Model, System, system_of
-from dem_bridge.judging.samples import sample_hypotheses
+from dem_bridge.judging.samples import half_steps, sample_hypotheses
 from dem_bridge.judging.search import Search, _missed
 from dem_bridge.readers import Record
 from dem_bridge.scene import Damping, Scene, Wall
@@ -188,7 +188,7 @@ def test_steps_between_those_of_a_list_are_tried(unstated: Decision) -> None:
 def test_a_step_near_a_part_of_the_interval_is_that_part(unstated: Decision) -> None:
     interval = unstated.data.interval
     assert unstated._whole(interval / 7.1) == interval / 7
-    assert unstated._whole(interval / 7.4) == interval / 7.4
+    assert unstated._whole(interval / 7.3) == interval / 7.3
     assert unstated._whole(interval / 100.9) == interval / 101
     assert unstated._whole(3.0 * interval) == 3.0 * interval
 
@@ -403,6 +403,19 @@ def test_units_of_each_quantity_are_recognised_by_their_size() -> None:
         assert any(each.factors == pytest.approx(factors) and each.scale == 1.0 for each in made)
         right = next(each for each in made if each.factors == pytest.approx(factors) and each.scale == 1.0)
         assert rms(data.residual(data.predict(right, 41, 1e-13))) < 1.2
+
+
+def test_a_step_that_is_fitted_is_at_most_the_interval_of_the_samples() -> None:
+    data = data_of(file_of())
+    for hypothesis in half_steps(data, DT):
+        low, high = hypothesis.bounds
+        assert hypothesis.value(high) == pytest.approx(data.interval)
+        # at the smallest one a run takes as many steps as are allowed
+        assert data.time[-1] / hypothesis.value(low) < MOST_STEPS
+        assert hypothesis.value(hypothesis.starts[0][0]) == pytest.approx(DT)
+        variant = hypothesis.make(np.array([math.log(0.5)]))
+        assert variant.dt == pytest.approx(0.5 * data.interval)
+        assert abs(variant.late) in (0.0, pytest.approx(0.25 * data.interval))
 
 
 def test_a_difference_ranks_its_cause_first_and_guesses_its_size() -> None:
