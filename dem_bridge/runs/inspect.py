@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
+from dem_bridge.errors import OF_DAMAGED_DATA, UsageError, one_line
 from dem_bridge.runs.store import DAMAGED, SUFFIX, OtherSchema, Store, present, unpacked
 from dem_bridge.scene import Scene
 
@@ -53,18 +53,18 @@ def entries(store: Store) -> Iterator[Entry]:
     files = []
     with suppress(FileNotFoundError), os.scandir(store.folder) as folder:
         for file in folder:
-            with suppress(FileNotFoundError):  # another process was here
-                if file.name.endswith(SUFFIX):
+            with suppress(OSError):  # another process was here, or a circle of links
+                if file.name.endswith(SUFFIX) and file.name.isprintable() and file.is_file():
                     files.append((file.stat().st_mtime, file.stat().st_size, Path(file.path)))
     for used, size, path in sorted(files, reverse=True):
         details = _details(path)
         yield Entry(
             key=path.stem,
             size=size,
-            made=str(details.get("made", "")),
+            made=one_line(str(details.get("made", ""))),
             used=used,
-            what=_what(details),
-            scene=str((details.get("provenance") or {}).get("scene", "")),
+            what=one_line(_what(details)),
+            scene=one_line(str((details.get("provenance") or {}).get("scene", ""))),
             determined_by=details.get("determined_by"),
         )
 

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, versions_of
 from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
-from dem_bridge.files import check_folder
+from dem_bridge.files import check_folder, checked_file
 from dem_bridge.leftovers import CLAIM, owned, sweep
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.code import changed_since_start, code_of_run, code_of_studies, digest
@@ -298,7 +298,7 @@ class Store:
             self._same_code_until = now + _SAME_CODE
         path = self._path(key)
         try:
-            entry = unpacked(key, path.read_bytes())
+            entry = unpacked(key, checked_file(path, 2**63).read_bytes())
         except FileNotFoundError:
             return None
         except OSError as error:

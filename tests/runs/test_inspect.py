@@ -41,6 +41,23 @@ def test_entries_are_listed_with_what_they_are(kept: Store) -> None:
     assert all(entry.size == (kept.folder / f"{entry.key}{SUFFIX}").stat().st_size for entry in entries)
 
 
+def test_what_is_no_entry_is_neither_opened_nor_printed(kept: Store) -> None:
+    before = list(inspect.entries(kept))
+    os.mkfifo(kept.folder / f"pipe{SUFFIX}")
+    (kept.folder / f"circle{SUFFIX}").symlink_to(f"circle{SUFFIX}")
+    (kept.folder / f"folder{SUFFIX}").mkdir()
+    (kept.folder / f"\x1b[2J{SUFFIX}").write_text("x")
+    assert list(inspect.entries(kept)) == before
+    assert inspect.check(kept) == (2, [])
+    (kept.folder / f"{before[0].key}{SUFFIX}").unlink()
+    os.mkfifo(kept.folder / f"{before[0].key}{SUFFIX}")
+    assert kept.load(before[0].key, PAIR) is None
+    line = {"made": "\x1b[2J", "provenance": {"scene": "\x1b]0;x\x07", "backend": "\u202e"}}
+    (kept.folder / f"text{SUFFIX}").write_text(f"dem-bridge/store/1\n{json.dumps(line)}\n")
+    shown = [entry for entry in inspect.entries(kept) if entry.key == "text"]
+    assert [(entry.made + entry.what + entry.scene).isprintable() for entry in shown] == [True]
+
+
 def test_an_entry_is_used_again_until_something_changes(kept: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     assert [text for _, text in inspect.why(kept, PAIR)] == ["used again"] * 2
     heavier = replace(PAIR, mass=(8.1e-3, 2e-2))

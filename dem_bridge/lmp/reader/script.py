@@ -259,7 +259,7 @@ class Script:
 
     def evaluated(self, command: Command, text: str, depth: int = 0) -> float:
         """Return the value of a formula of constants."""
-        self.count(command, len(text) // 20)
+        self.count(command, len(text) // 5)
 
         def name(word: str) -> float:
             if word.startswith("v_") and depth < _DEEPEST:
