@@ -229,6 +229,8 @@ def test_a_difference_below_the_interpolation_error_is_undecided_and_a_larger_on
     assert found.divergence is not None
     assert not found.undecided
     assert compare_runs(run, changed, 10.0 * error).undecided
+    # the difference is below the tolerance, but not by more than the error of the interpolation
+    assert compare_runs(run, changed, 10.5 * error).undecided
     assert compare_runs(run, changed, 20.0 * error).divergence is None
 
 

@@ -52,3 +52,8 @@ def test_the_stiffest_contact_decides_and_a_wall_is_one() -> None:
 
 def test_what_is_at_rest_has_no_contact_time() -> None:
     assert contact_time_of(replace(PAIR, velocity=(0.0, 0.0))) is None
+
+
+def test_the_fastest_body_decides_in_whichever_direction_it_moves() -> None:
+    for velocity in ((0.1, -0.8), (0.8, 0.1), (-0.8, 0.8)):
+        assert contact_time_of(replace(PAIR, velocity=velocity)) == contact_time_of(PAIR)

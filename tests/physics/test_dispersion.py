@@ -210,3 +210,14 @@ def test_bands_that_meet_have_no_edge_there() -> None:
 def test_what_is_no_cell_is_refused(mass: tuple[float, ...], spring: tuple[float, ...], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Cell(mass=mass, spring=spring)
+
+
+@pytest.mark.parametrize(("ratio", "gaps"), [(1.0, 0), (1.0 + 1e-4, 1), (1.0 + 1e-7, 1)])
+def test_a_narrow_gap_has_two_edges_and_bands_that_meet_none(ratio: float, gaps: int) -> None:
+    spring = 8e6
+    edges = Cell(mass=(0.01, 0.01 * ratio), spring=(spring, spring)).edges
+    assert len(edges) == 1 + 2 * gaps
+    if gaps:
+        assert edges[:2] == pytest.approx([math.sqrt(2 * spring / (0.01 * ratio)), math.sqrt(2 * spring / 0.01)])
+        # the gap itself is resolved
+        assert edges[1] / edges[0] - 1.0 == pytest.approx(0.5 * (ratio - 1.0), rel=1e-3)
