@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.accuracy import richardson
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.dense import Schedule
 from dem_bridge.errors import NotAsymptotic, UsageError
@@ -81,3 +82,18 @@ def test_a_code_of_another_order_is_refused(accelerating: Truth, monkeypatch: py
 def test_wrong_use_is_one_line(accelerating: Truth, settings: dict[str, Any], words: str) -> None:
     with pytest.raises(UsageError, match=words):
         db.solve(accelerating.scene, **settings)
+
+
+def test_forces_are_extrapolated_by_the_weight_of_the_order_and_round_off_is_magnified() -> None:
+    pair = db.Scene(name="pair", duration=5e-5, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=5)
+    run = db.solve(pair, backend="verlet", dt=1e-7, order="richardson")
+    main, fine = (db.solve(pair, backend="verlet", dt=dt) for dt in (1e-7, 5e-8))
+    expected = fine.contact_force + (fine.contact_force - main.contact_force) / 3.0
+    np.testing.assert_allclose(run.contact_force, expected, rtol=1e-14)
+    # weights of 4/3 and -1/3
+    coarse = db.solve(pair, backend="verlet", dt=2e-7, uncertainty=False)
+    floor = fine.uncertainty.parts["round_off"] * float(np.max(np.abs(fine.velocity)))
+    rows = [each.velocity.ravel().tolist() for each in (coarse, main, fine)]
+    plain = richardson(run.provenance["extrapolated_from"], rows, order=2, floor=floor).uncertainty
+    assert run.uncertainty["velocity"] - plain == pytest.approx(5.0 / 3.0 * floor, rel=1e-3, abs=0.0)
+    assert floor > 0.0

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
+import pytest
 
-from dem_bridge.uncertainty.replicas import REFERENCE, replica_uncertainty
+from dem_bridge.scene import Scene
+from dem_bridge.uncertainty.replicas import LOOSER, ODE45, REFERENCE, looser_rule, replica_uncertainty
 from tests.helpers.fake_runs import free_flight
 
 #: the steps of a small chain
 STEPS = 1000
+PAIR = Scene(name="pair", duration=1e-3, mass=(1.0, 1.0), stiffness=(1e9,), velocity=(1.0, 0.0), gap=0.5)
 
 
 def test_what_a_thousand_roundings_lose_is_covered_where_all_runs_agree() -> None:
@@ -29,3 +33,54 @@ def test_what_a_thousand_roundings_lose_is_covered_where_all_runs_agree() -> Non
         lost.append(error / (2.0**-52 * total))
     # what they lose is more than a unit in the last place, and the bar is not much more than that
     assert 1.0 < max(lost) < 16.0
+
+
+#: factors that the measured coverage of random scenes supports: samples, contacts
+FACTORS = {"reference": (REFERENCE, 9.0, 9.0), "ode45": (ODE45, 2.0, 8.0), "looser": (looser_rule(PAIR), 3.0, 3.0)}
+
+
+@pytest.mark.parametrize("name", FACTORS)
+def test_an_uncertainty_is_the_largest_difference_times_its_factor(name: str) -> None:
+    rule, samples, contacts = FACTORS[name]
+    peak, crossing = np.array([100.0, 50.0, 40.0]), np.array([0.1, 0.3, 0.2])
+    run = free_flight(bodies=4, contacts=3, peak_force=peak, crossing_time=crossing)
+    near = replace(run, velocity=run.velocity + 1e-5, displacement=run.displacement - 1e-6)
+    far = replace(
+        near, velocity=run.velocity - 1e-3, displacement=run.displacement + 1e-4,
+        peak_force=peak + np.array([0.3, 0.0, 0.2]), crossing_time=crossing + np.array([0.0, 1e-3, 2e-3]),
+    )  # fmt: skip
+    found = replica_uncertainty(run, [far, near], rule)
+    speed, way = np.max(np.abs(run.velocity)), np.max(np.abs(run.displacement))
+    length = 0.5 * run.cost.steps * 2.0**-52 * rule.rounded_length
+    assert found["velocity"] == pytest.approx(samples * 1e-3 + 16 * 2.0**-52 * speed, rel=1e-12)
+    assert found["displacement"] == pytest.approx(samples * 1e-4 + 16 * 2.0**-52 * way + length, rel=1e-9)
+    # the second contact agrees by chance: it has the median of the relative differences (0.003, 0, 0.005)
+    forces = contacts * np.array([0.3, 0.003 * 50.0, 0.2])
+    if rule.peaks_follow_velocities:
+        forces = np.maximum(forces, found["velocity"] / speed * peak)
+    assert found["peak_force"] == pytest.approx(forces, rel=1e-9)
+    # the second contact crosses last, and inherits the error of the third
+    assert found["crossing_time"] == pytest.approx(contacts * np.array([0.0, 2e-3, 2e-3]), rel=1e-9, abs=1e-14)
+    assert found["crossing_time"][0] == 16 * 2.0**-52 * run.time[-1]
+
+
+def test_displacements_beyond_a_gap_lose_its_last_digit_at_every_step() -> None:
+    run = free_flight(bodies=2, contacts=1)
+    run = replace(run, cost=replace(run.cost, steps=1000))
+    rule = looser_rule(replace(PAIR, gap=(3.0,)))
+    least = replica_uncertainty(run, [run], looser_rule(PAIR))["displacement"]
+    # 1000 steps of half a unit in the last place of 3 m instead of 0.5 m
+    expected = least + 0.5 * 1000 * 2.0**-52 * 2.5
+    assert replica_uncertainty(run, [run], rule)["displacement"] == pytest.approx(expected, rel=1e-12, abs=0.0)
+
+
+def test_a_peak_force_of_ode45_is_no_less_uncertain_than_its_velocities() -> None:
+    run = free_flight(bodies=2, contacts=2)
+    found = replica_uncertainty(run, [replace(run, velocity=run.velocity + 0.1)], ODE45)
+    # 0.2 m/s of 2 m/s
+    assert found["peak_force"] == pytest.approx(0.1 * run.peak_force, rel=1e-9)
+    assert np.max(replica_uncertainty(run, [replace(run, velocity=run.velocity + 0.1)], REFERENCE)["peak_force"]) < 1e-9
+
+
+def test_scipy_is_compared_with_two_looser_runs() -> None:
+    assert LOOSER == (10.0, 20.0)

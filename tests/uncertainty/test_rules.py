@@ -264,3 +264,25 @@ def test_a_fault_in_a_rule_is_caught_by_its_part_and_by_no_other(fault: str, mon
 def test_every_part_is_caught_by_a_fault() -> None:
     caught: set[str] = set().union(*(parts for *_, parts in FAULTS.values()))
     assert set(PARTS) - caught == {"unresolved contact"}  # tests/uncertainty/test_grazes.py
+
+
+@pytest.mark.parametrize(("overlap", "possible"), [(-1.9e-3, True), (-2.1e-3, False), (1e-9, True)])
+def test_a_graze_is_possible_within_twice_the_uncertainty_of_displacements(overlap: float, possible: bool) -> None:
+    assert grazes.may_graze(turn(0, 0.05, overlap, 3.4), 1e-3) is possible
+
+
+@pytest.mark.parametrize("mass", [(2.0, 4.0), (4.0, 2.0)])
+def test_a_graze_counts_round_off_and_moves_the_lighter_body(mass: tuple[float, float]) -> None:
+    base = BASE.scene.mass[2:]
+    scene = replace(BASE.scene, mass=(*mass, *base))
+    turns = turn(0, 0.05, -1e-3, 3.4)
+    found = grazes.widen_for_grazes(
+        dict.fromkeys(QUANTITIES, 0.0), scene, BASE.main, turns, {2.0: turns}, safety={2.0: 1.0}, roundoff=6e-4
+    )
+    # twice the round-off less 1 mm: 0.2 mm deep
+    deepest = 2 * 6e-4 - 1e-3
+    force = float(scene.contacts.force(np.array([deepest]), np.array([0]))[0])
+    assert found["peak_force"] == pytest.approx([force, 0.0], rel=1e-12)
+    kick = force * math.sqrt(8 * deepest / 3.4) / 2.0
+    assert found["velocity"] == pytest.approx(kick, rel=1e-12)
+    assert found["displacement"] == pytest.approx(kick * scene.duration, rel=1e-12)
