@@ -94,7 +94,7 @@ def with_step(file: File) -> tuple[Path, float | None]:
             step = float(text)
     if step is not None and not SMALLEST <= step <= LARGEST:
         raise UsageError(
-            f"{path}: the time step is not a number from {SMALLEST:g} to {LARGEST:g};"
+            f"{path}: the time step is not a number above 0 ({SMALLEST:g} to {LARGEST:g});"
             f" give FILE@DT with DT in s, such as {path}@1e-7"
         )
     return path, step

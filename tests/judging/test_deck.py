@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -65,3 +65,23 @@ def test_a_deck_is_told_from_a_dump_and_from_binary_files(tmp_path: Path) -> Non
     ):
         (tmp_path / "file").write_text(text)
         assert deck.is_deck(tmp_path / "file") is is_deck
+
+
+def test_limits_are_in_the_order_of_their_effects_then_unknown_ones_then_those_without() -> None:
+    effects = [0.0, math.nan, 1e-3, 2.0]
+    found = sorted((limits.Limit(what="", found="", effect=effect, advice="") for effect in effects), key=limits._place)
+    assert [str(limit.effect) for limit in found] == ["2.0", "0.001", "nan", "0.0"]
+
+
+@pytest.mark.parametrize(("difference", "left"), [(0.05, 0.03), (0.01, 0.0)])
+def test_what_the_radius_explains_is_not_left_to_other_causes(
+    monkeypatch: pytest.MonkeyPatch, difference: float, left: float
+) -> None:
+    velocities = {("reference", None): 1.0, ("verlet", None): 1.1, ("verlet", 1e-3): 1.12}
+    monkeypatch.setattr(
+        limits, "_velocity", lambda scene, backend, dt=None, radius=None: np.array([[velocities[backend, radius]]])
+    )
+    monkeypatch.setattr(limits, "_difference_from_twin", lambda scene, errors, twin: difference)
+    run: Any = SimpleNamespace(dt=1e-7, deck=SimpleNamespace(radius=1e-3))
+    found = {limit.what: limit.effect for limit in limits._of_numerics(SCENE, run, cast(Any, None))}
+    assert found == pytest.approx({"time step": 0.1, "particle radius": 0.02, "neither time step nor radius": left})
