@@ -13,7 +13,10 @@ from dem_bridge.accuracy import richardson
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.dense import Schedule
 from dem_bridge.errors import NotAsymptotic, UsageError
+from dem_bridge.runs.case import Case
 from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.uncertainty import extrapolate
+from tests.helpers.fake_runs import free_flight
 from tests.helpers.quadruple_truth import Truth
 
 
@@ -97,3 +100,36 @@ def test_forces_are_extrapolated_by_the_weight_of_the_order_and_round_off_is_mag
     plain = richardson(run.provenance["extrapolated_from"], rows, order=2, floor=floor).uncertainty
     assert run.uncertainty["velocity"] - plain == pytest.approx(5.0 / 3.0 * floor, rel=1e-3, abs=0.0)
     assert floor > 0.0
+
+
+@pytest.mark.parametrize("clip", [True, False])
+def test_an_extrapolated_force_is_clipped_where_the_contact_force_is(
+    clip: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(case: Case, code: object = None) -> Trajectory:
+        """Return values with an error of second order; a force that falls faster than that."""
+        dt = case.resolution.dt
+        assert dt is not None
+        error = 1.0 + dt**2
+        flight = free_flight(
+            contacts=2, contact_force=np.full((5, 2), {2.0: 4.0, 1.0: 1.0, 0.5: 0.1}[dt]),
+            peak_force=error * np.ones(2), crossing_time=error * np.ones(2), provenance={"settings": {"dt": dt}},
+        )  # fmt: skip
+        return replace(
+            flight,
+            velocity=error * flight.velocity,
+            displacement=error * flight.displacement,
+            uncertainty=replace(flight.uncertainty, parts={"round_off": 0.0}),
+        )
+
+    damping = db.Damping(law="dashpot", coefficient=0.0, clip=clip)
+    scene = db.Scene(
+        name="three", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0,) * 2, velocity=(1.0, 2.0, 3.0), damping=damping
+    )
+    monkeypatch.setattr(extrapolate, "solve", run)
+    monkeypatch.setattr(Case, "solve", run)
+    case = Case(scene=scene, backend="verlet", resolution=db.Resolution(dt=1.0), sampling=db.Sampling(count=4))
+    found = extrapolate.extrapolate(case)
+    assert found.velocity == pytest.approx(free_flight().velocity)
+    # 0.1 - 0.9/3
+    assert found.contact_force == pytest.approx(np.full((5, 2), 0.0 if clip else -0.2))
