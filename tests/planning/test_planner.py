@@ -210,9 +210,7 @@ def test_a_target_is_met_and_not_at_any_price(name: str | None, accuracy: float,
     found = db.plan(FIVE, accuracy, backend=name)
     error = _error(FIVE, found, solved)
     assert error <= accuracy
-    if found.backend == "reference":
-        assert error == 0.0  # it is compared with itself, and its uncertainty is taken as its error
-        return
+    assert found.backend != "reference"  # which costs more than each of these accuracies needs
     assert found.found_error == pytest.approx(error, rel=1e-6)
     assert found.predicted_error == found.found_error
     if name == "verlet":
