@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import json
 import math
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -21,6 +23,8 @@ from dem_bridge.readers.tables import Entry, Table
 
 #: variables of a file that :meth:`.Trajectory.save` wrote which are read
 _OWN = ("time", "displacement", "velocity", "contact_force")
+#: exceptions of numpy for a damaged array; its header is a literal of Python
+_DAMAGED = (OSError, ValueError, EOFError, SyntaxError, tokenize.TokenError)
 
 
 def read_npz(path: Path) -> Table:
@@ -35,9 +39,9 @@ def read_npz(path: Path) -> Table:
             _check(headers)
             with np.load(path, allow_pickle=False) as loaded:
                 arrays = {name: loaded[name] for name in headers}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
-        if isinstance(error, UsageError):
-            raise
+    except UsageError:
+        raise
+    except (*_DAMAGED, KeyError, zipfile.BadZipFile, NotImplementedError, RuntimeError, zlib.error) as error:
         raise UsageError(f"the npz file is damaged ({_short(error)}); write it again") from error
     if not arrays:
         raise UsageError("the npz file has no arrays; allowed: arrays such as time and velocity")
@@ -51,9 +55,9 @@ def read_npy(content: bytes) -> Table:
         _check({"the array": _header(stream)})
         stream.seek(0)
         array = np.load(stream, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        if isinstance(error, UsageError):
-            raise
+    except UsageError:
+        raise
+    except _DAMAGED as error:
         raise UsageError(f"the npy file is damaged ({_short(error)}); write it again") from error
     if array.dtype.names:
         return _table({name: array[name] for name in array.dtype.names})

@@ -28,10 +28,16 @@ _FEWEST_SINGLES = 20
 
 
 def texts_of(words: Sequence[Any]) -> NDArray[np.bytes_]:
-    """Return words, or rows of words, as an array; raise UsageError if a long one would make the array too large."""
+    """Return words of numbers, or rows of words, as an array.
+
+    Raise UsageError if a long word would make the array too large, or for signs beyond ASCII, such as Arabic digits.
+    """
     rows = words if words and isinstance(words[0], list | tuple) else [words]
     check_texts(sum(map(len, rows)), max((len(word) for row in rows for word in row), default=0))
-    return np.array(words, dtype=np.bytes_)
+    try:
+        return np.array(words, dtype=np.bytes_)
+    except UnicodeEncodeError as error:
+        raise UsageError("a number has signs beyond ASCII; allowed: the digits 0 to 9; correct the file") from error
 
 
 def check_texts(count: int, longest: int) -> None:
@@ -79,7 +85,7 @@ def rounding_of_texts(texts: NDArray[np.bytes_], values: Floats) -> Floats:
         counted = np.arange(min(1, len(examined)))
     if len(counted) > _SAMPLES:
         counted = np.random.default_rng(0).choice(counted, _SAMPLES, replace=False)
-    chars = np.ascontiguousarray(flat[counted]).view(np.uint8).reshape(len(counted), -1)
+    chars = np.ascontiguousarray(flat[counted]).view(np.uint8).reshape(len(counted), flat.dtype.itemsize)
     exponent = np.logical_or.accumulate(((chars | 32) == ord("e")) | ((chars | 32) == ord("d")), axis=1)
     digit = (chars >= ord("0")) & (chars <= ord("9")) & ~exponent
     significant = np.sum(digit & np.logical_or.accumulate(digit & (chars != ord("0")), axis=1), axis=1)
@@ -194,13 +200,15 @@ def restored_times(
     mean = float(time[-1] - time[0]) / (count - 1)
     first = round(float(time[0]) / mean)
     for start, slack_of_start, begin in ((0.0, 0.0, first), (float(time[0]), float(rounding[0]), 0)):
+        if begin < 0:
+            continue
         order = np.arange(begin, begin + count, dtype=np.float64)
         counted = order > 0
         slack = rounding[counted] + slack_of_start + 4.0 * np.spacing(time[counted])
         low = float(np.max((time[counted] - start - slack) / order[counted]))
         high = float(np.min((time[counted] - start + slack) / order[counted]))
         at_zero = begin > 0 or abs(time[0] - start) <= rounding[0]
-        if 0.0 < low <= high and begin >= 0 and at_zero:
+        if 0.0 < low <= high and at_zero:
             interval, slack_of_interval = _interval(low, high, duration, samples, dt)
             restored = start + order * interval
             left = slack_of_start + slack_of_interval * order + 0.5 * np.spacing(restored)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
 from dem_bridge.readers.digits import check_texts, numbers, texts_of
 from dem_bridge.trajectory import Floats
 
@@ -64,6 +64,8 @@ class FrameCollector:
 
     def add(self, ids: NDArray[np.int64], columns: Mapping[str, NDArray[Any]], label: str) -> None:
         """Add a frame of numbers or texts of numbers; ``label`` names it in messages."""
+        if not len(ids):
+            raise UsageError(f"{label} has no atoms; allowed: an atom for each body")
         order = np.argsort(ids, kind="stable")
         ids = ids[order]
         if len(np.unique(ids)) != len(ids):
@@ -175,7 +177,7 @@ def read_dump(texts: Iterable[str], renamed: Mapping[str, str] | None = None) ->
             raise UsageError(
                 f"{label} or the next frame is incomplete or not in the format of a dump; write the file again"
             ) from error
-    time = np.array(times, dtype=np.bytes_) if len(times) == len(steps) else ()
+    time = texts_of(times) if len(times) == len(steps) else ()
     return collector.frames(time=time, step=steps, units=units)
 
 
@@ -206,18 +208,22 @@ def read_ase(path: Path) -> Frames:
 
     collector, times, label = FrameCollector(), list[float](), "frame 0"
     units: str | None = None
-    try:
-        for nth, atoms in enumerate(iread(path, index=":", format="traj")):
-            label = f"frame {nth}"
-            units = atoms.info.get("units", units)
-            times += [float(atoms.info[name]) for name in ("Time", "time") if name in atoms.info][:1]
+    frames = iread(path, index=":", format="traj")
+    while True:
+        label = f"frame {collector.count}"
+        try:
+            atoms = next(frames)
+            info = atoms.info
             ids = np.asarray(atoms.arrays.get("id", np.arange(len(atoms))), dtype=np.int64)
-            collector.add(ids, dict(_ase_columns(atoms)), label)
-    except UsageError:
-        raise
-    except Exception as error:  # the readers of ASE raise exceptions of many types
-        reason = " ".join(str(error).split())[:120]
-        raise UsageError(f"ASE cannot read {label} or the next frame ({reason}); write the file again") from error
+            columns = {name: np.asarray(values) for name, values in _ase_columns(atoms)}
+            times += [float(info[name]) for name in ("Time", "time") if name in info][:1]
+        except StopIteration:
+            break
+        except (OSError, *OF_DAMAGED_DATA) as error:  # of ASE, and of conversions of what it returns
+            reason = " ".join(str(error).split())[:120]
+            raise UsageError(f"ASE cannot read {label} ({reason}); write the file again") from error
+        units = info.get("units", units)
+        collector.add(ids, columns, label)
     return collector.frames(time=times, step=np.arange(float(collector.count)).tolist(), units=units)
 
 

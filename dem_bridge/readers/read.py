@@ -8,14 +8,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from dem_bridge.errors import UsageError
 from dem_bridge.files import MOST_BYTES, named_file, opened
 from dem_bridge.netcdf import is_netcdf
 from dem_bridge.readers.arrays import read_npy, read_npz, table_of_netcdf
 from dem_bridge.readers.assemble import Choices, draft_of_table
 from dem_bridge.readers.chain import draft_of_frames
+from dem_bridge.readers.digits import texts_of
 from dem_bridge.readers.frames import FrameCollector, Frames, read_ase, read_dump
 from dem_bridge.readers.record import Record
 from dem_bridge.readers.source import damage_as_usage_error, read_bytes, text_of
@@ -166,7 +165,7 @@ def _of_series(path: Path, files: list[Path], choices: Choices) -> Frames:
         time_texts += [text] if (text := times[nth] or time) else []
     step = [float(re.findall(r"\d+", file.name)[-1]) if re.search(r"\d", file.name) else math.nan for file in files]
     notes = () if numbered else ("the file has no ids; bodies are the points in their order",)
-    texts_of_times = np.array(time_texts, dtype=np.bytes_) if time_texts else ()
+    texts_of_times = texts_of(time_texts) if time_texts else ()
     steps = [] if len(set(step)) < len(step) or math.nan in step else step
     return collector.frames(time=texts_of_times, step=steps, numbered=numbered, notes=notes)
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.checked import LARGEST, SMALLEST
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
 from dem_bridge.files import MOST_BYTES, opened
 
 #: a file of a code, with or without its time step
@@ -33,9 +33,15 @@ def damage_as_usage_error(path: Path) -> Iterator[None]:
             yield
     except UsageError as error:
         raise UsageError(f"{path}: {error}") from error
-    except Exception as error:  # the libraries that read arrays raise exceptions of many types for damaged data
-        what = "needs too much memory" if isinstance(error, MemoryError) else "is damaged or not in its format"
-        raise UsageError(f"{path}: the file {what} ({type(error).__name__}); write it again") from error
+    except MemoryError as error:
+        raise UsageError(f"{path}: the file needs too much memory; write fewer samples") from error
+    except (
+        OSError,
+        *OF_DAMAGED_DATA,
+    ) as error:  # a reader checks its data itself; the fuzzing counts what comes here as a fault
+        raise UsageError(
+            f"{path}: the file is damaged or not in its format ({type(error).__name__}); write it again"
+        ) from error
 
 
 def read_bytes(path: Path) -> bytes:

@@ -16,6 +16,7 @@ from dem_bridge.readers.frames import EXTRA_COLUMNS, FrameCollector, Frames, who
 
 _PAIR = re.compile(r"(\w+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)'|([^\s,]+))")
 _STEP = re.compile(r"(?i)\b(?:time[ _]?step|step)\b\s*[:=]\s*(\d+)")
+_DECIMAL = re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _ROW = re.compile(r"[-+0-9.eE\s,;]+")
 #: names of columns in the property list, with the names here
 _VECTORS = {
@@ -57,11 +58,11 @@ def read_xyz(texts: Iterable[str]) -> Frames:
             times += [pairs[name] for name in ("Time", "time", "t") if name in pairs][:1]
             steps += [float(match[1]) for match in [_STEP.search(lines[at + 1])] if match]
             fields |= {"units": pairs["units"]} if "units" in pairs else {}
-            fields |= {"dt": float(pairs["dt"])} if re.fullmatch(r"[0-9.eE+-]+", pairs.get("dt", "")) else {}
+            fields |= {"dt": float(pairs["dt"])} if _DECIMAL.fullmatch(pairs.get("dt", "")) else {}
             at += 2 + count
     if collector.count and not steps:
         steps = np.arange(float(collector.count)).tolist()
-    time = np.array(times, dtype=np.bytes_) if times else ()
+    time = texts_of(times) if times else ()
     return _with_velocities(collector.frames(time=time, step=steps, **fields))
 
 

@@ -11,10 +11,13 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
+from tests.fuzz.strategies import DRAWN
 from tests.fuzz.targets import TARGETS
 
-#: time without an answer that counts as a hang, s; the machine may have other work
-SILENCE = 60.0
+#: time without an answer that counts as a hang, and time for imports and the first run, s; long, for a busy machine
+SILENCE, START = 60.0, 180.0
+#: all readers, and those with files that hypothesis draws
+NAMES = (*TARGETS, *DRAWN)
 #: outcomes that are faults
 FAULTS = ("traceback", "message", "hang", "died", "over memory", "outside")
 
@@ -38,10 +41,13 @@ class Figures:
         return sum(self.counts.values())
 
 
-def fuzz(count: int, first: int = 0, names: Iterable[str] = tuple(TARGETS)) -> dict[str, Figures]:
-    """Return the figures of ``count`` changed files for each target; the same numbers give the same files."""
+def fuzz(count: int, first: int = 0, names: Iterable[str] = NAMES) -> dict[str, Figures]:
+    """Return the figures of ``count`` files for each reader, or a quarter as many of those that hypothesis draws.
+
+    The same numbers give the same files.
+    """
     figures = {name: Figures() for name in names}
-    jobs: list[tuple[str, int, int]] = [(name, first, count) for name in figures]
+    jobs = [(name, first, count if name not in DRAWN else -(-count // 4)) for name in figures]
     while jobs:
         name, number, ended = "", -1, "died"
         for line in _lines(jobs):
@@ -60,7 +66,8 @@ def fuzz(count: int, first: int = 0, names: Iterable[str] = tuple(TARGETS)) -> d
         if ended in ("died", "hang"):
             figures[name].add(number, ended, "")
         jobs = jobs[[job[0] for job in jobs].index(name) :]
-        jobs[0] = (name, number + 1, first + count - number - 1)
+        jobs[0] = (name, number + 1, sum(jobs[0][1:]) - number - 1)
+        jobs = jobs if jobs[0][2] else jobs[1:]
     return figures
 
 
@@ -72,7 +79,7 @@ def _lines(jobs: list[tuple[str, int, int]]) -> Iterator[tuple[str, int, str, st
     try:
         assert child.stdout is not None
         rest = b""
-        end = time.monotonic() + 3.0 * SILENCE  # imports and the first run
+        end = time.monotonic() + START
         while True:
             if not select.select([child.stdout], [], [], max(0.0, end - time.monotonic()))[0]:
                 yield None

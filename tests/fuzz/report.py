@@ -11,8 +11,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
-from tests.fuzz.harness import Figures, fuzz
-from tests.fuzz.targets import TARGETS
+from tests.fuzz.harness import NAMES, Figures, fuzz
 
 PAGE = Path(__file__).parents[2] / "docs" / "quality.md"
 _BEGIN, _END = "<!-- fuzzing: written by python -m tests.fuzz.report -->", "<!-- end of fuzzing -->"
@@ -41,13 +40,13 @@ def main() -> None:
     """Fuzz, print the faults, and write the table if all targets were fuzzed."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20_000
     first = int(sys.argv[2]) if len(sys.argv) > 2 else 1_000_000
-    names = sys.argv[3:] or list(TARGETS)
+    names = sys.argv[3:] or list(NAMES)
     figures = fuzz(count, first, names)
     print(table(figures, datetime.now(UTC).date().isoformat()))
     for name, of_target in figures.items():
         for fault in of_target.faults[:20]:
             print(f"{name} {fault}")
-    if set(names) == set(TARGETS):
+    if set(names) == set(NAMES):
         text = PAGE.read_text(encoding="utf-8")
         new = f"{_BEGIN}\n{table(figures, datetime.now(UTC).date().isoformat())}\n{_END}"
         PAGE.write_text(re.sub(f"{_BEGIN}.*{_END}", lambda _: new, text, flags=re.DOTALL), encoding="utf-8")

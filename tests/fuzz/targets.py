@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -288,6 +289,7 @@ def _baselines() -> list[bytes]:
     return [(_REPORT / "baselines" / "decelerating-40.verlet.json").read_bytes()]
 
 
+@cache
 def _verdicts() -> list[bytes]:
     record = json.loads((_REPORT / "paper" / "verdicts.json").read_text(encoding="utf-8"))
     record["verdicts"], record["claims"] = record["verdicts"][:3], record["claims"][:2]

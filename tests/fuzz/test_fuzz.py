@@ -6,21 +6,29 @@ from pathlib import Path
 
 import pytest
 
+from dem_bridge.errors import UsageError
+from dem_bridge.readers import source
+from tests.fuzz import harness
 from tests.fuzz.child import outcome
-from tests.fuzz.harness import FAULTS, fuzz
+from tests.fuzz.harness import FAULTS, NAMES, fuzz
+from tests.fuzz.planted import FAULTY, PLANTED
 from tests.fuzz.report import PAGE
+from tests.fuzz.strategies import DRAWN
 from tests.fuzz.targets import TARGETS, Target
 
-#: changed files of each reader in the suite for every commit, and in the whole one
-FEW, MANY = 25, 20_000
+#: files of each reader in the suite for every commit, and in the whole one; a quarter as many that are drawn
+FEW, MANY = 200, 20_000
 
 
 def test_no_changed_file_causes_a_fault() -> None:
-    assert [f"{name} {fault}" for name, figures in fuzz(FEW).items() for fault in figures.faults] == []
+    figures = fuzz(FEW)
+    assert [f"{name} {fault}" for name, of_reader in figures.items() for fault in of_reader.faults] == []
+    assert [of_reader.inputs for of_reader in figures.values()] == [FEW] * len(TARGETS) + [FEW // 4] * len(DRAWN)
+    assert [name for name in TARGETS if not figures[name].counts.get("accepted")] == []
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
 def test_no_file_of_thousands_causes_a_fault(name: str) -> None:
     assert fuzz(MANY, names=[name])[name].faults == []
 
@@ -31,12 +39,29 @@ def test_the_files_are_valid_before_they_are_changed(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     target = TARGETS[name]
-    for nth, source in enumerate(target.sources()):
+    for nth, content in enumerate(target.sources()):
         folder = tmp_path / str(nth)
         folder.mkdir()
         target.prepare(folder)
-        (folder / target.name).write_bytes(target.finish(source))
+        (folder / target.name).write_bytes(target.finish(content))
         assert outcome(target, folder / target.name) == ("accepted", ""), nth
+
+
+@pytest.mark.slow
+def test_each_planted_fault_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(harness, "SILENCE", 5.0)
+    found = {name: figures.counts for name, figures in fuzz(1, names=PLANTED).items()}
+    assert found == {name: {due: 1} for name, (_, due) in PLANTED.items()}
+    assert {due for _, due in PLANTED.values()} == set(FAULTS)
+
+
+def test_a_guard_hides_an_error_from_users_and_not_from_the_fuzzing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = FAULTY["raises KeyError in a guard"]
+    assert outcome(target, tmp_path / "x")[0] == "refused"
+    monkeypatch.setattr(source, "OF_DAMAGED_DATA", ())
+    assert outcome(target, tmp_path / "x")[0] == "traceback"
 
 
 def test_the_harness_notices_each_fault(tmp_path: Path) -> None:
@@ -45,8 +70,6 @@ def test_the_harness_notices_each_fault(tmp_path: Path) -> None:
             raise error
 
         return Target(list, "x", read)
-
-    from dem_bridge.errors import UsageError
 
     long = UsageError("x")
     long.args = ("two\nlines",)
@@ -59,4 +82,4 @@ def test_the_harness_notices_each_fault(tmp_path: Path) -> None:
 
 def test_the_page_has_a_row_for_each_reader() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    assert [name for name in TARGETS if f"\n| {name} |" not in text] == []
+    assert [name for name in NAMES if f"\n| {name} |" not in text] == []

@@ -7,6 +7,7 @@ import io
 import zipfile
 import zlib
 from base64 import b64encode
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -672,3 +673,52 @@ def _refusal(path: Path, how: dict[str, Any]) -> str:
     except UsageError as error:
         return str(error)
     return ""
+
+
+_DUMP = "ITEM: UNITS\nsi\nITEM: TIME\n{0}\nITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n1\nITEM: ATOMS id x\n1 0\n"
+_NO_POINTS = (
+    "# vtk DataFile Version 3.0\nrun\nASCII\nDATASET POLYDATA\nPOINTS 0 double\nPOINT_DATA 0\nVECTORS velocity double\n"
+)
+
+
+def _packed_npz(change: Callable[[bytes], bytes], save: Callable[..., None] = np.savez) -> bytes:
+    stream = io.BytesIO()
+    save(stream, time=RUN.time, velocity=RUN.velocity)
+    return change(stream.getvalue())
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("t,v0,v1,v2,v3\n0,1,0,0,\u0663\n1e-5,1,0,0,0\n", "beyond ASCII"),
+        (_DUMP.format("\u0663"), "beyond ASCII"),
+        ('1\nProperties=species:S:1:pos:R:3 Time="\u0663"\nH 0 0 0\n', "beyond ASCII"),
+        (_NO_POINTS, "no atoms|no points"),
+        (_packed_npz(lambda content: content.replace(b"'descr'", b"('escr'", 1)), "npz file is damaged"),
+        (
+            _packed_npz(lambda content: content[:60] + b"\xff" * 40 + content[100:], np.savez_compressed),
+            "npz file is damaged",
+        ),
+    ],
+)
+def test_damage_is_refused_by_the_reader_itself_and_not_by_the_guard_around_it(
+    content: str | bytes, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dem_bridge.readers.source.OF_DAMAGED_DATA", ())
+    with pytest.raises(UsageError, match=words):
+        _read(tmp_path, content)
+
+
+def test_times_that_all_are_negative_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dem_bridge.readers.source.OF_DAMAGED_DATA", ())
+    rows = "".join(f"{-9e-5 + k * 1e-5:.0e},1,0,0,0\n" for k in range(5))
+    time = _read(tmp_path, f"t,v0,v1,v2,v3\n{rows}").time
+    assert time == pytest.approx([-9e-5, -8e-5, -7e-5, -6e-5, -5e-5], rel=1e-15)  # restored to a few rounding errors
+
+
+def test_a_time_step_of_xyz_that_is_no_number_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dem_bridge.readers.source.OF_DAMAGED_DATA", ())
+    frame = "4\nProperties=species:S:1:pos:R:3:velo:R:3 Time={0} dt=1-2\n" + "".join(
+        f"H {k} 0 0 {v} 0 0\n" for k, v in enumerate(CROSSED.velocity)
+    )
+    assert _read(tmp_path, frame.format(0) + frame.format(1e-5)).dt is None

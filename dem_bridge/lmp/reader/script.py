@@ -221,7 +221,8 @@ class Script:
         self.refused.add(command.name)
         self.unread.update(_FOLLOWERS.get(command.name, ()))
         if command.name in ("variable", "region", "group"):
-            self.unread.update(command.rest[:1] if command.name != "variable" else (f"v_{command.rest[0]}",))
+            prefix = "v_" if command.name == "variable" else ""
+            self.unread.update(f"{prefix}{name}" for name in command.rest[:1])
 
     def number(self, command: Command, word: str) -> float:
         """Return a number as LAMMPS reads it, or the value of ``v_NAME``."""

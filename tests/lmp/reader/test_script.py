@@ -178,6 +178,11 @@ def test_all_problems_are_listed_but_not_those_that_follow_from_others() -> None
     assert [line.split("`")[0] for line in lines] == ["in.test, line 1: ", "in.test, line 5: ", "in.test, line 6: "]
 
 
+def test_a_variable_without_a_name_is_refused() -> None:
+    with pytest.raises(SceneError, match="line 1: `variable`"):
+        _words("variable\nc 1")
+
+
 def test_an_endless_loop_of_commands_that_cannot_be_read_ends_soon() -> None:
     script = Script(NOTHING.__getitem__)
     with pytest.raises(BlockedScript, match="uses the variable nothing, which is not defined"):
