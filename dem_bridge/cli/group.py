@@ -46,6 +46,14 @@ class _Group(click.Group):
     An input script that cannot be read has a line for each of its commands that cannot.
     """
 
+    def make_context(self, *args: Any, **settings: Any) -> click.Context:
+        """Read the words; a Ctrl-C meanwhile ends the program as later, where click ends it as a check that failed."""
+        try:
+            return super().make_context(*args, **settings)
+        except KeyboardInterrupt:
+            click.echo("dem-bridge: interrupted; nothing was run", err=True)
+            raise SystemExit(130) from None
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command and turn errors into exit codes."""
         try:

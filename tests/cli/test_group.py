@@ -317,6 +317,17 @@ def test_files_that_exist_are_replaced_only_by_force(tmp_path: Path) -> None:
     assert not (tmp_path / "report").exists()
 
 
+def test_an_interrupt_while_the_words_are_read_is_no_failed_check(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dem_bridge.cli.main.parse_args", interrupted)
+    done = run_here("scenes", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (130, "dem-bridge: interrupted; nothing was run\n")
+
+
 @pytest.mark.parametrize(
     "words",
     [
