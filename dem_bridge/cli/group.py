@@ -325,6 +325,10 @@ def command() -> None:
     gc.set_threshold(100_000)  # otherwise a tenth of the time of an import is a search for garbage
     # matrices are small: threads of numpy's library that wait for each other would take most of the time of a command
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
+        getattr(sys, name).reconfigure(errors="backslashreplace")  # names of files may be no UTF-8
     code: str | int | None = 1
     try:
         try:

@@ -317,6 +317,24 @@ def test_files_that_exist_are_replaced_only_by_force(tmp_path: Path) -> None:
     assert not (tmp_path / "report").exists()
 
 
+def test_names_that_are_no_utf_8_are_printed_and_a_closed_output_is_none(tmp_path: Path) -> None:
+    words: list[str | bytes] = [
+        sys.executable,
+        "-m",
+        "dem_bridge.cli",
+        "export",
+        "dimer-1-1",
+        "--table",
+        "bodies",
+        "-o",
+        b"\xff.csv",
+    ]
+    done = subprocess.run(words, capture_output=True, cwd=tmp_path, timeout=300)
+    assert (done.returncode, done.stderr, b"\\udcff" in done.stdout) == (0, b"", True)
+    done = subprocess.run(["sh", "-c", f"{sys.executable} -m dem_bridge.cli scenes >&-"], capture_output=True)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
 def test_an_interrupt_while_the_words_are_read_is_no_failed_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
