@@ -98,7 +98,8 @@ def study_sensitivity(
     confirmed = math.nan
     if allowed <= VARIED[vary][1]:
         confirmed = _deviation(replace(variation, vary={vary: allowed}, seed=seed + 1), executor)
-    texts = {"scene": scene.name, "vary": vary, "spread": size, "unit": unit, "chains": indices.chains}
+    place = "body" if vary in ("mass", "velocity") else "contact"
+    texts = {"scene": scene.name, "place": place, "vary": vary, "spread": size, "unit": unit, "chains": indices.chains}
     return TEXTS.study(
         {"scene": scene.name},
         answer=(

@@ -159,7 +159,11 @@ def test_a_tolerance_that_was_found_is_confirmed_by_other_chains() -> None:
     assert list(chains.measures()) == ["arrival at the last body"]
     small, large = find_tolerances(chains, (0.01, 0.9), 128)
     assert 0.02 < small.spread < 8.0
-    assert small.confirmed == pytest.approx(small.effect, rel=0.25)
+    # on the safe side by 1.645 standard errors of a part: 14 % for 128 chains
+    assert 0.75 * small.effect < small.confirmed <= small.effect
+    # independent draws: 512 chains hit a part of 0.9 to 0.013; the tolerance has a margin of three times that
+    drawn = db.ensemble(_rods(), vary={"angle": small.spread}, n=512, seed=9, checks=0).values["arrival_at_end"]
+    assert np.mean(np.abs(drawn / chains.intended["arrival_at_end"] - 1.0) <= small.effect) >= 0.9
     # a spread twice as large does not keep the tolerance
     wide = solve_scattered(_rods(), spread=2.0 * small.spread, count=128, seed=1).measures()["arrival at the last body"]
     assert np.quantile(np.abs(wide - 1.0), 0.9) > 1.5 * small.effect
@@ -175,7 +179,7 @@ def test_the_study_of_an_ensemble_has_maps_tolerances_and_distributions() -> Non
     assert width.values.shape == (121, 3)
     assert np.all(width.values >= 0.0)
     assert np.all(width.values[0] == 0.0), "all chains start alike"
-    assert "other chains with that spread confirm it" in " ".join(study.answer)
+    assert "other chains with that spread nine of ten lie within" in " ".join(study.answer)
     one_by_one = study_scatter(_rods(drag=1.0), spread=1.0, count=3)
     assert [table.id for table in one_by_one.tables] == ["scatter", "along-the-chain"]
 
