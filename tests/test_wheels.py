@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import doctest
-import json
 import re
 import subprocess
 import sys
@@ -106,17 +105,3 @@ print(before, {seen})
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     before, after = done.stdout.replace("(", "").replace(")", "").split(" ", 1)
     assert before not in after, done.stderr
-
-
-@pytest.mark.slow
-def test_faults_of_a_part_are_counted_and_survivors_are_shown(tmp_path: Path) -> None:
-    words = ["--part", "accuracy.py", "--count", "40", "--folder", str(tmp_path)]
-    for _ in range(2):  # the second time nothing is left to do
-        done = subprocess.run([sys.executable, ".ci/mutate.py", *words], cwd=ROOT, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-    entries = [json.loads(line) for line in (tmp_path / "mutants.jsonl").read_text().splitlines()]
-    chosen = [fault for fault in faults.sample(40, seed=20) if fault.file == "dem_bridge/accuracy.py"]
-    assert [(entry["file"], entry["index"]) for entry in entries] == [(fault.file, fault.index) for fault in chosen]
-    caught = [entry for entry in entries if "::" in entry["caught_by"]]
-    assert len(caught) >= 0.5 * len(entries) > 0
-    assert f"| accuracy.py | {len(entries)} |" in done.stdout

@@ -12,7 +12,7 @@ import pytest
 from dem_bridge.judging.decision import Decision
 from dem_bridge.judging.fitting import MOST_STEPS, Data, Fitter, Stepping, least
 from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, _effective, global_hypotheses
-from dem_bridge.judging.kernels import RK4, VERLET
+from dem_bridge.judging.kernels import KICK_EULER, RK4, VERLET
 from dem_bridge.judging.model import Model, System, system_of
 from dem_bridge.judging.samples import half_steps, sample_hypotheses
 from dem_bridge.judging.search import Search, _missed
@@ -105,6 +105,15 @@ def test_late_velocities_shifts_factors_and_orders_are_written_as_they_say() -> 
     turned = data.predict(Variant(system, order=(4, 3, 2, 1, 0)), 41, 1e-13)
     np.testing.assert_array_equal(turned[0], v[:, ::-1])
     np.testing.assert_array_equal(turned[2], f[:, [3, 2, 1, 0, 5, 4]])
+
+
+def test_digits_of_times_are_noise_where_values_change() -> None:
+    record = file_of(dt=None)
+    data = data_of(replace(record, rounding={**record.rounding, "time": np.full(41, 1e-8)}))
+    slope = np.abs(data.model.exact(data.model.system, np.array(record.time), 1e-13).acceleration)
+    # a uniform error; where bodies rest the digits of the velocity remain
+    fast = slope > 1e-3 * np.max(slope)
+    np.testing.assert_allclose(data.blocks[0].sigma[fast], 1e-8 * slope[fast] / math.sqrt(3.0), rtol=1e-3)
 
 
 def test_displacements_from_the_first_sample_start_at_zero() -> None:
@@ -200,6 +209,21 @@ def test_method_and_step_of_a_right_file_are_decided() -> None:
     stated = Decision(data_of(file_of(stated=True)))
     assert stated.step == DT
     assert stated.decide(NONE, np.zeros(0)).stepping == Stepping(VERLET, DT)
+
+
+def test_the_step_of_a_method_that_explains_is_a_part_of_the_interval() -> None:
+    decision = Decision(data_of(file_of(method=KICK_EULER)))
+    euler = next(each for each in half_steps(decision.data, DT) if each.make(np.zeros(1)).method == KICK_EULER)
+    fit = decision.decide(euler, np.array([-math.log(36.4)]))
+    assert euler.value(float(fit.parameters[0])) == pytest.approx(DT, rel=1e-12)
+    assert fit.rms < 1.2
+
+
+def test_the_method_of_a_rival_that_explains_is_tried_first(unstated: Decision) -> None:
+    exact = unstated._evaluated(NONE, np.zeros(0))
+    rival = replace(exact, rms=1.0, stepping=Stepping(RK4, DT))
+    assert next(unstated._stepped(NONE, exact, rival)).stepping == rival.stepping
+    assert next(unstated._stepped(NONE, exact, replace(rival, rms=50.0))).stepping != rival.stepping
 
 
 def test_a_step_that_would_take_long_is_not_repeated() -> None:
@@ -426,6 +450,9 @@ def test_a_difference_ranks_its_cause_first_and_guesses_its_size() -> None:
         Hypothesis("mass", change.one_mass(k), "", starts=((0.0,), (0.7,), (-0.7,)), where=f"body {k}")
         for k in range(5)
     ]
+    first = int(np.flatnonzero(search.errors >= 0.05 * np.max(search.errors))[0])
+    # from where the difference is seen: eight samples, and twice as many each
+    assert search.windows() == [*(first + 8 * 2**k for k in range(3) if first + 8 * 2**k < 41), 41]
     rows = search.windows()[0]
     ranked = search.rank(masses, rows)
     assert ranked[0].hypothesis.where == "body 2"

@@ -160,6 +160,13 @@ def test_the_first_file_whose_error_follows_the_step(
     assert order._first_that_follows(DT, pairs(errors, limit), pairs(errors, limit)) == answer
 
 
+def test_times_that_differ_by_half_a_sample_are_not_common() -> None:
+    early, late = 1e-9 * np.arange(12), 1e-3 * np.arange(1, 11)
+    rows = order._common_rows([np.concatenate([early, late]), np.concatenate([early + 5e-10, late])], ["a", "b"])
+    for chosen in rows:
+        assert list(chosen) == list(range(12, 22))
+
+
 def test_an_order_is_as_certain_as_its_errors() -> None:
     clean = order._order(DT, pairs((1.0, 4.0, 16.0, 64.0)), pairs((1.0, 4.0, 16.0, 64.0)))
     assert clean is not None
