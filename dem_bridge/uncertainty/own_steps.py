@@ -41,7 +41,7 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
     watch = Stopwatch()
     scene, prescan = case.scene, prescan_scene(case.scene)
     plan = fixed_step_plan(scene, case.resolution, case.sampling, prescan, PHASE)
-    ratios = (RATIOS[0], finer_ratio(RATIOS[1], plan, prescan, RESOLVED))
+    ratios = (RATIOS[0], finer_ratio(RATIOS[1], scene, plan, prescan, RESOLVED))
     if plan.steps > min(ratios) * MOST_STEPS:
         return None
     run = partial(solve, BlanesMoan(), SRKN_6B, scene)

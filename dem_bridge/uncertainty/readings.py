@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.steps import Dense, fixed_step_plan, peaks_and_crossings
@@ -19,6 +21,10 @@ from dem_bridge.uncertainty.family import DenseReadings, TwinFamily
 from dem_bridge.uncertainty.fixed_step import displacement_uncertainty
 from dem_bridge.uncertainty.grazes import may_graze, open_turns, unresolved_contacts
 
+#: part of the largest step that resolves a contact with n < 2: without it 3 of 600 collisions with n = 1.1 were outside
+#: by velocity-Verlet, by up to 1.7 uncertainties, and 1 of 591 others by Blanes and Moan's method, by 4.7
+SINGULAR = 0.1
+
 
 def read_dense(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> DenseReadings:
     """Return the readings of a run on the steps of ``plan``."""
@@ -30,13 +36,16 @@ def read_dense(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> D
     )
 
 
-def finer_ratio(ratio: float, plan: Schedule, prescan: Prescan, resolved: float) -> float:
+def finer_ratio(ratio: float, scene: Scene, plan: Schedule, prescan: Prescan, resolved: float) -> float:
     """Return the ratio of the finer step to that of a run: ``ratio``, or less so that it resolves every contact.
 
     ``resolved`` is the largest step that does, in units of 1/omega of the stiffest contact. Where no run of a family
-    resolves a contact, all of them may miss it, or err by the same.
+    resolves a contact, all of them may miss it, or err by the same. With n < 2 a contact is the stiffer the smaller its
+    overlap, and a tenth of it serves.
     """
     phase = plan.step * prescan.frequency
+    if scene.law is None and np.any(scene.contacts.exponent < 2.0):
+        resolved = SINGULAR * resolved
     return min(ratio, resolved / phase) if phase > 0.0 else ratio
 
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.curves import CELLS
 from dem_bridge.backends.splitting import EXACT, Tables
@@ -32,10 +30,8 @@ FINER_RATIOS = (0.5, 1.0 / 3.0)
 #: ... for damped contacts, the golden ratio and 1 over its square: the force of a dashpot begins with the step after
 #: touch, and with a common multiple of the steps all runs may be late by the same
 DAMPED_RATIOS = (1.618, 0.382)
-#: largest step of the finer run, of 1/omega of the stiffest contact: four default steps. With
-#: n < 2 a contact is the stiffer the smaller its overlap: at steps of 0.01 and more 3 of 600 collisions with n = 1.1
-#: were outside, by up to 1.7 uncertainties
-RESOLVED, SINGULAR = 0.01, 0.001
+#: largest step of the finer run, of 1/omega of the stiffest contact: four default steps
+RESOLVED = 0.01
 #: part of the change by thinning that all dense samples may still miss: of order 7/2 (a neighbour that opens between
 #: two of them) the change is ten times the error
 THINNING = 0.5
@@ -79,8 +75,7 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
     ratios = RATIOS if plan.per_sample > 1 else FINER_RATIOS
     if (scene.damped or scene.adhesive) and plan.per_sample > 2:
         ratios = DAMPED_RATIOS
-    resolved = SINGULAR if scene.law is None and np.any(scene.contacts.exponent < 2.0) else RESOLVED
-    ratios = (ratios[0], finer_ratio(ratios[1], plan, prescan, resolved))
+    ratios = (ratios[0], finer_ratio(ratios[1], scene, plan, prescan, RESOLVED))
     if plan.steps > min(ratios) * MOST_STEPS:
         return None
     radius = radius_of(scene, resolution, prescan)

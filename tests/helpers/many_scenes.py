@@ -155,6 +155,14 @@ class Truth:
         ratio = np.divide(error, allowed, out=np.zeros_like(error), where=(error > 0.0) & np.isfinite(allowed))
         return float(np.max(np.where((error > 0.0) & (allowed == 0.0), math.inf, ratio), initial=0.0))
 
+    def width(self, run: Trajectory, quantity: str) -> float:
+        """Return the median of uncertainty over error of all bodies or contacts; nan where no error is known."""
+        value, truth = getattr(run, quantity), self.values[quantity]
+        error = np.abs((value[-1] if quantity in SAMPLED else value) - truth)
+        bar = np.broadcast_to(np.asarray(run.uncertainty[quantity]), truth.shape)
+        sure = np.isfinite(bar) & (error > 0.0)
+        return float(np.median(bar[sure] / error[sure])) if np.any(sure) else math.nan
+
 
 def make_truth(program: Path, scene: Scene) -> Truth | None:
     """Return the truth of a scene at both tolerances; None where it takes too long."""

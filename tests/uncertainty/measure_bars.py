@@ -35,6 +35,8 @@ class Trial:
     scene: str
     ratio: dict[str, float]
     """Error over uncertainty, the worst of all bodies or contacts."""
+    width: dict[str, float]
+    """Uncertainty over error, the median of all bodies or contacts."""
 
 
 def try_backend(name: str, pairs: Sequence[tuple[Scene, Truth]]) -> list[Trial]:
@@ -47,22 +49,26 @@ def try_backend(name: str, pairs: Sequence[tuple[Scene, Truth]]) -> list[Trial]:
             run = db.solve(scene, backend=name)
         except (RunBroken, UsageError):
             continue
-        trials.append(Trial(name, scene.name, {quantity: truth.outside(run, quantity) for quantity in QUANTITIES}))
+        ratio, width = (
+            {quantity: measure(run, quantity) for quantity in QUANTITIES} for measure in (truth.outside, truth.width)
+        )
+        trials.append(Trial(name, scene.name, ratio, width))
     return trials
 
 
 def summary(trials: Sequence[Trial]) -> list[str]:
-    """Return a line for each quantity: how many truths lie outside, the 95 % interval of their part, the worst."""
+    """Return a line for each quantity: how many truths lie outside, the 95 % interval (Clopper-Pearson), widths."""
     lines = []
     for quantity in QUANTITIES:
         ratios = np.array([trial.ratio[quantity] for trial in trials])
         outside = int(np.sum(ratios > 1.0))
         sure = binomtest(outside, len(trials)).proportion_ci()
+        width = float(np.nanmedian([trial.width[quantity] for trial in trials]))
         worst = trials[int(np.argmax(ratios))]
         lines.append(
             f"{worst.backend:12} {quantity:14} {outside:5d} of {len(trials):5d} outside,"
             f" {100 * sure.low:.2f} to {100 * sure.high:.2f} %; largest error over uncertainty"
-            f" {ratios.max():.3g} ({worst.scene})"
+            f" {ratios.max():.3g} ({worst.scene}), median uncertainty over error {width:.3g}"
         )
     return lines
 

@@ -11,7 +11,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends import ode45
 from dem_bridge.trajectory import Trajectory
-from dem_bridge.uncertainty import own_steps, replicas, twins
+from dem_bridge.uncertainty import own_steps, readings, replicas, twins
 from dem_bridge.uncertainty.replicas import ReplicaRule, replica_uncertainty
 from tests.helpers.exact_collision import Collision, collision
 from tests.helpers.fake_runs import free_flight
@@ -116,6 +116,11 @@ def test_without_its_rule_the_truth_is_outside(name: str, monkeypatch: pytest.Mo
     for module, constant, planted in FAULTS[backend]:
         monkeypatch.setattr(module, constant, planted)
     assert quantity in _outside(name)[0]
+
+
+def test_with_n_below_2_a_finer_step_resolves_a_contact(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(readings, "SINGULAR", 1.0)
+    assert "velocity" in _outside("three coarse steps err alike, n = 1.1 (1.7)")[0]
 
 
 def test_peaks_follow_velocities_and_forces_the_digits_of_their_overlap() -> None:

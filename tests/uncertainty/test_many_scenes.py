@@ -42,6 +42,8 @@ def test_a_finite_uncertainty_of_what_does_not_exist_is_outside() -> None:
         assert truth.outside(run, quantity) <= 1.0
         narrow: Any = 1e-12 * np.asarray(run.uncertainty[quantity])
         assert truth.outside(replace(run, uncertainty=replace(run.uncertainty, **{quantity: narrow})), quantity) > 1.0
+    wide = replace(run, uncertainty=replace(run.uncertainty, velocity=2.0 * run.uncertainty.velocity))
+    assert truth.width(wide, "velocity") == 2.0 * truth.width(run, "velocity") > 2.0
     lost = replace(run, crossing_time=np.full(scene.n_contact, np.nan))
     assert truth.outside(lost, "crossing_time") == np.inf
     unknown = replace(lost, uncertainty=replace(run.uncertainty, crossing_time=np.full(scene.n_contact, np.inf)))
