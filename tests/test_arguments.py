@@ -93,7 +93,7 @@ def test_a_whole_number_may_have_any_size_but_no_fraction() -> None:
 @pytest.mark.parametrize("path", ["a\0b", "a" * 300, "\ud800"])
 def test_a_name_that_no_file_can_have_is_refused(path: str) -> None:
     for function in (db.load_trajectory, db.read_trajectory, db.load_scene, db.scene_from_deck):
-        with pytest.raises(DemBridgeError):
+        with pytest.raises(DemBridgeError, match="the path of a"):
             function(path)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.interpolate import FEWER, acceleration, hermite, root_between
+from dem_bridge.observables.interpolate import FEWER, NODES, acceleration, hermite, root_between, spacing
 from dem_bridge.physics.solitary import solitary_wave
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Floats, Trajectory
@@ -112,6 +112,11 @@ class PeakVelocity:
             getattr(self, item.name).setflags(write=False)
 
 
+#: where polynomials through six and through four samples are compared, in spacings from a peak. At the peak itself they
+#: may cross, and beside it a contact may open and close between two samples
+_AROUND = np.linspace(-1.0, 1.0, 9)
+#: part of the difference of two samples from four that the difference of four from six is where they converge
+_CONVERGING = 0.03
 #: peak velocities of each trajectory that still exists, from which several observables and claims are read
 _peak_velocities: WeakKeyDictionary[Trajectory, tuple[Scene, PeakVelocity]] = WeakKeyDictionary()
 
@@ -122,7 +127,7 @@ def peak_velocity_of_front(scene: Scene, trajectory: Trajectory) -> PeakVelocity
     The maximum is found between samples, on the polynomial of degree 11 through six samples of velocity and
     acceleration (:mod:`.interpolate`); ``sampling`` is its distance from that of degree 7 through four. In the solitary
     wave of Hertzian contacts the error is 4e-3 of the peak at 1 sample per residence time, 5e-6 at 2, 2e-9 at 4 and
-    5e-13 at 8, where ``sampling`` says 5e-3, 7e-5, 4e-7 and 1e-9: take 2 samples or more. Without contact forces
+    5e-13 at 8, where ``sampling`` says 4e-2, 4e-5, 2e-7 and 9e-10: take 2 samples or more. Without contact forces
     (binary collisions) it is the largest sample.
 
     >>> import dem_bridge as db
@@ -161,19 +166,22 @@ def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVeloci
             # after the crossing within this interval the body may still gain velocity, which does not count
             higher = (moved[1] > peak[turning]) & (moved[0] <= until[turning])
             which = turning[higher]
-            when[which], peak[which], sampling[which] = (item[higher] for item in moved)
+            when[which], peak[which] = moved[0][higher], moved[1][higher]
             fall = (a[early, bodies] - a[late, bodies])[turning] / (time[late] - time[early])[turning]
             bend[which] = fall[higher]
     handed = np.flatnonzero(np.isfinite(came[1:])) if len(came) > 1 else np.zeros(0, dtype=np.int64)
     if len(handed) and not np.any(np.isnan(a)):
         # a body that is still accelerated when it hands the impulse on is fastest then
-        at_end, slope, error = _at_times(trajectory, v[:, handed], a[:, handed], until[handed])
+        at_end = hermite(trajectory, v[:, handed], a[:, handed], until[handed])
+        slope = hermite(trajectory, v[:, handed], a[:, handed], until[handed], derivative=1)
         still = (slope > 0.0) & (at_end > peak[handed])
         which = handed[still]
         peak[which], when[which] = at_end[still], until[which]
-        sampling[which] = (error + np.abs(slope) * arrival_uncertainty(scene, trajectory)[1:][handed])[still]
+        sampling[which] = (np.abs(slope) * arrival_uncertainty(scene, trajectory)[1:][handed])[still]
         bend[which] = 0.0
         late_peak[which] = True
+    if not np.any(np.isnan(a)):
+        sampling += _difference_of_fewer(trajectory, v, a, when)
     # a pulse that fell between two samples of binary collisions is not known
     missing = np.isnan(came) | ~(peak > 0.0)
     sampling[np.any(np.isnan(a), axis=0)] = np.nan
@@ -189,19 +197,25 @@ def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVeloci
     )
 
 
-def _maximum(
-    trajectory: Trajectory, v: Floats, a: Floats, early: Floats, late: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return time and value of each velocity's maximum, and the difference of four samples from six."""
+def _maximum(trajectory: Trajectory, v: Floats, a: Floats, early: Floats, late: Floats) -> tuple[Floats, Floats]:
+    """Return time and value of each velocity's maximum."""
     when = root_between(lambda when: hermite(trajectory, v, a, when, derivative=1), early, late)
-    value = hermite(trajectory, v, a, when)
-    return when, value, np.abs(value - hermite(trajectory, v, a, when, nodes=FEWER))
+    return when, hermite(trajectory, v, a, when)
 
 
-def _at_times(trajectory: Trajectory, v: Floats, a: Floats, when: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return each velocity and its slope at its own time, and the difference of four samples from six."""
-    value, slope = hermite(trajectory, v, a, when), hermite(trajectory, v, a, when, derivative=1)
-    return value, slope, np.abs(value - hermite(trajectory, v, a, when, nodes=FEWER))
+def _difference_of_fewer(trajectory: Trajectory, v: Floats, a: Floats, when: Floats) -> Floats:
+    """Return the largest difference of polynomials through fewer samples around each velocity's own time.
+
+    It is that of four samples from six where it is far smaller than that of two from four; elsewhere the samples are
+    too far apart for the motion, and both differences count.
+    """
+    time = trajectory.time
+    around = np.clip(when + _AROUND[:, None] * spacing(trajectory), time[0], time[-1])
+    six, four, two = (
+        np.array([hermite(trajectory, v, a, each, nodes=nodes) for each in around]) for nodes in (NODES, FEWER, 2)
+    )
+    fine, coarse = np.max(np.abs(six - four), axis=0), np.max(np.abs(four - two), axis=0)
+    return np.asarray(np.where(fine < _CONVERGING * coarse, fine, 2.0 * (fine + coarse)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -24,6 +24,8 @@ from dem_bridge.uncertainty.grazes import may_graze, open_turns, unresolved_cont
 #: part of the largest step that resolves a contact with n < 2: without it 3 of 600 collisions with n = 1.1 were outside
 #: by velocity-Verlet, by up to 1.7 uncertainties, and 1 of 591 others by Blanes and Moan's method, by 4.7
 SINGULAR = 0.1
+#: steps times bodies that the finer run takes to resolve contacts: a fifth of a second
+MOST_WORK = 1e7
 
 
 def read_dense(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> DenseReadings:
@@ -41,12 +43,13 @@ def finer_ratio(ratio: float, scene: Scene, plan: Schedule, prescan: Prescan, re
 
     ``resolved`` is the largest step that does, in units of 1/omega of the stiffest contact. Where no run of a family
     resolves a contact, all of them may miss it, or err by the same. With n < 2 a contact is the stiffer the smaller its
-    overlap, and a tenth of it serves.
+    overlap, and a tenth of it serves; ahead of a front no step resolves it, so that :data:`MOST_WORK` bounds the run.
     """
     phase = plan.step * prescan.frequency
     if scene.law is None and np.any(scene.contacts.exponent < 2.0):
         resolved = SINGULAR * resolved
-    return min(ratio, resolved / phase) if phase > 0.0 else ratio
+    affordable = plan.steps * scene.n_body / MOST_WORK
+    return min(ratio, max(resolved / phase, affordable)) if phase > 0.0 else ratio
 
 
 def runs_at_other_steps(

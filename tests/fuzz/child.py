@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import hypothesis
+from hypothesis.configuration import set_hypothesis_home_dir
 
 import dem_bridge as db
 from dem_bridge import isolated
@@ -169,6 +170,7 @@ def main() -> None:
     open_guards()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
+        set_hypothesis_home_dir(folder)
         watch = Watch(Path(folder))
         for name, first, count in json.loads(sys.argv[1]):
             reading = Reading(name, watch)

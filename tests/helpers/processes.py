@@ -6,6 +6,7 @@ to fail from waiting for ever.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -22,6 +23,17 @@ def happens(event: Callable[[], bool], within: float = PATIENCE) -> bool:
             return False
         time.sleep(0.02)
     return True
+
+
+def pause(seconds: float) -> None:
+    """Wait so long, so that a process is met at a random moment."""
+    time.sleep(seconds)
+
+
+def touched(path: Path, age: float) -> None:
+    """Give a file or a link the date of ``age`` s ago."""
+    date = time.time() - age
+    os.utime(path, (date, date), follow_symlinks=False)
 
 
 def running(pids: Iterable[int]) -> list[int]:

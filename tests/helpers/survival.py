@@ -14,7 +14,6 @@ import random
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import cycle
@@ -25,7 +24,7 @@ from typing import Any
 import click
 
 from dem_bridge.lmp.process import SHARED_MEMORY
-from tests.helpers.processes import PATIENCE, all_end, happens
+from tests.helpers.processes import PATIENCE, all_end, happens, pause
 
 ROOT = Path(__file__).parents[2]
 COUNTED = Path(__file__).with_name("counted")
@@ -134,7 +133,7 @@ class Survival:
         """Start a campaign, and kill it, or its main process only, ``later`` s after so many runs have ended in all."""
         program = self.begin(halt=ended + self.jobs)
         assert happens(lambda: self.counted("end") >= ended or program.poll() is not None)
-        time.sleep(later)
+        pause(later)
         assert program.poll() is None, program.communicate()
         self.killed |= {program.pid, *self.processes()}
         (os.killpg if whole else os.kill)(program.pid, signal.SIGKILL)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -19,6 +17,7 @@ from dem_bridge.runs import claims
 from dem_bridge.runs.claims import claimed, is_held
 from dem_bridge.runs.store import LIMIT, Store
 from tests.helpers.campaign_cases import short_case
+from tests.helpers.processes import touched
 
 KEY = "k" * 64
 DEAD = "from dem_bridge.leftovers import owned; print(owned('claim'))"
@@ -28,8 +27,7 @@ def _claim(folder: Path, owner: str, age: float = 0.0) -> Path:
     """Make the claim of another process."""
     path = folder / f"{KEY}{CLAIM}"
     path.symlink_to(owner)
-    date = time.time() - age
-    os.utime(path, (date, date), follow_symlinks=False)
+    touched(path, age)
     return path
 
 

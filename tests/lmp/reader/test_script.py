@@ -237,6 +237,6 @@ def test_the_work_of_a_loop_is_that_of_the_texts_and_atoms_of_its_commands(
 
     monkeypatch.setattr(Script, "_lines_of", counted)
     text = f"units si\natom_style sphere\n{before}\nlabel a\n{body}\njump SELF a\n"
-    with pytest.raises(BlockedScript):
+    with pytest.raises(BlockedScript, match=r"(in\.test|bad), line"):
         read_script(text, file="in.test", opened=_FILES.__getitem__)
     assert len(rounds) < 100  # 20,000 of work; a round of two short commands takes 20
