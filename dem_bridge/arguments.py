@@ -66,9 +66,7 @@ def check_arguments(function: Callable[..., Any], values: Mapping[str, Any]) -> 
     """
     for name, annotation in _annotations(function).items():
         if not _fit(annotation, values[name]):
-            words = dict.fromkeys(
-                _WORDS.get(kind.name, f"{'an' if kind.name[0] in 'AEIOU' else 'a'} {kind.name}") for kind in annotation
-            )
+            words = dict.fromkeys(kind.words for kind in annotation)
             raise UsageError(f"{name} = {shown(values[name])}; allowed: {', or '.join(words)}")
 
 
