@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 from dem_bridge.backends import scipy_kernels as kernels
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.scales import natural_scales
-from dem_bridge.backends.scipy_integration import Integration, Step
+from dem_bridge.backends.scipy_integration import Integration, Step, root_of
 from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, SLACK, Floats
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
@@ -98,14 +98,11 @@ class DampedIntegration(Integration):
             if len(before) == 0:
                 events.append((float(solver.t_old), contact))
                 continue
-            when = brentq(
-                lambda t, contact=contact: self._margins(step.dense(t)[None], state)[0, contact],
-                times[before[-1]],
-                times[first],
-                xtol=1e-300,
-                rtol=1e-15,
-            )
-            events.append((float(when), contact))
+
+            def margin(t: float, contact: int = contact) -> float:
+                return float(self._margins(step.dense(t)[None], state)[0, contact])
+
+            events.append((root_of(margin, float(times[before[-1]]), float(times[first])), contact))
         event = min(events, default=None)
         if event is not None:
             self.at_once = self.at_once + 1 if event[0] == self.last_event else 0

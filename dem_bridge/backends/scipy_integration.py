@@ -85,12 +85,13 @@ class Step:
 
     def turning_time(self, contact: int, low: float, high: float) -> float:
         """Return when the closing rate of ``contact`` passes through zero between two times within the step."""
-        return _root(self.closing_rate(contact), low, high)
+        return root_of(self.closing_rate(contact), low, high)
 
 
-def _root(function: Callable[[float], float], low: float, high: float) -> float:
+def root_of(function: Callable[[float], float], low: float, high: float) -> float:
     """Return a zero of ``function`` between ``low`` and ``high``, to the last digits."""
-    return float(brentq(function, low, high, xtol=1e-300, rtol=1e-15))
+    # from 1 s to 1e-300 s are a thousand halvings
+    return float(brentq(function, low, high, xtol=1e-300, rtol=1e-15, maxiter=2000))
 
 
 class Integration:
@@ -266,7 +267,7 @@ class Integration:
             if ends >= -touch:
                 continue
             if begins > 0.0:
-                events.append((_root(overlap, low, high), contact))
+                events.append((root_of(overlap, low, high), contact))
             elif state[contact] == PRESSING and high == solver.t:
                 state[contact] = OPEN
             else:

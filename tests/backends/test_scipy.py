@@ -16,7 +16,7 @@ from dem_bridge.backends import scipy_dop853, scipy_integration
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene import Damping, Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import ANY, examples, log_uniform, scenes, stiffness_for
@@ -249,3 +249,23 @@ def test_far_behind_a_gap_displacements_are_known_to_what_the_gap_leaves() -> No
         assert error <= run.uncertainty["displacement"] + truth.uncertainty["displacement"]
         assert np.max(np.abs(run.velocity - truth.velocity)) < 1e-11
     assert error > 1e-7, "1e12 m are known to 1e-4 m, and displacements to less?"
+
+
+def test_the_first_moment_of_a_contact_is_found_however_early_it_is() -> None:
+    """The damping of the heavy body ends contacts at times that a hundred steps of a search for roots do not reach."""
+    scene = Scene(
+        name="early", duration=4.89006, exponent=4.23899, samples=4,
+        mass=(0.58803, 410479.0, 0.464517, 0.488005, 0.451615, 0.449526),
+        stiffness=(3.55254e13, 1.14683e13, 4.03391e10, 1.53409e10, 1.91026e10),
+        velocity=(-1.13189e-4, 1.71343e-4, -2.23998e-4, 2.76665e-4, -2.69621e-4, 2.72552e-4),
+        gap=(0.0, 3.54569e-6, 1.89225e-6, 0.0, 3.23819e-4),
+        wall_left=Wall(stiffness=8.22204e12, exponent=4.23899), wall_right=Wall(stiffness=3.70931e10, exponent=4.23899),
+        damping=Damping(
+            law="kuwabara-kono",
+            coefficient=(2.11058e-3, 0.0306204, 5.95837e-3, 0.0622484, 0.101065, 0.130227, 9.47127e-4),
+        ),
+    )  # fmt: skip
+    run = db.solve(scene, backend="scipy", uncertainty=False)
+    looser = db.solve(scene, backend="scipy", uncertainty=False, rtol=1e-12)
+    largest = np.max(np.abs(run.velocity))
+    assert np.max(np.abs(run.velocity - looser.velocity)) < 1e-9 * largest
