@@ -6,6 +6,7 @@ import json
 import random
 import re
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from typing import Any
 
 #: numbers and words that readers tend to get wrong
@@ -91,7 +92,7 @@ def of_json(rng: Rng, data: bytes) -> bytes:
         holder, key = rng.choice(holders)
         kind = rng.randrange(6)
         if kind <= 2:
-            holder[key] = rng.choice(VALUES)
+            holder[key] = deepcopy(rng.choice(VALUES))  # or a later change would change all documents
         elif kind == 3:
             del holder[key]
         elif kind == 4:
@@ -99,7 +100,7 @@ def of_json(rng: Rng, data: bytes) -> bytes:
         else:
             other, name = rng.choice(holders)
             if not _contains(other[name], holder):
-                holder[key] = other[name]
+                holder[key] = deepcopy(other[name])
     return json.dumps(document).encode()
 
 

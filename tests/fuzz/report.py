@@ -41,14 +41,15 @@ def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20_000
     first = int(sys.argv[2]) if len(sys.argv) > 2 else 1_000_000
     names = sys.argv[3:] or list(NAMES)
-    figures = fuzz(count, first, names)
-    print(table(figures, datetime.now(UTC).date().isoformat()))
-    for name, of_target in figures.items():
-        for fault in of_target.faults[:20]:
-            print(f"{name} {fault}")
+    date, figures = datetime.now(UTC).date().isoformat(), dict[str, Figures]()
+    for name in names:
+        figures |= (latest := fuzz(count, first, [name]))
+        print(table(latest, date).splitlines()[-1], flush=True)
+        for fault in latest[name].faults[:20]:
+            print(f"{name} {fault}", flush=True)
     if set(names) == set(NAMES):
         text = PAGE.read_text(encoding="utf-8")
-        new = f"{_BEGIN}\n{table(figures, datetime.now(UTC).date().isoformat())}\n{_END}"
+        new = f"{_BEGIN}\n{table(figures, date)}\n{_END}"
         PAGE.write_text(re.sub(f"{_BEGIN}.*{_END}", lambda _: new, text, flags=re.DOTALL), encoding="utf-8")
     sys.exit(1 if any(of_target.faults for of_target in figures.values()) else 0)
 

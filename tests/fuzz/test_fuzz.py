@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from dem_bridge.readers import source
 from tests.fuzz import harness
 from tests.fuzz.child import outcome
 from tests.fuzz.harness import FAULTS, NAMES, fuzz
+from tests.fuzz.mutate import VALUES, changed, of_json
 from tests.fuzz.planted import FAULTY, PLANTED
 from tests.fuzz.report import PAGE
 from tests.fuzz.strategies import DRAWN
@@ -78,6 +80,14 @@ def test_the_harness_notices_each_fault(tmp_path: Path) -> None:
     ]
     assert words == ["traceback", "over memory", "message", "refused"]
     assert set(words[:3]) <= set(FAULTS)
+
+
+def test_a_document_is_changed_as_its_seed_alone_says() -> None:
+    data = json.dumps({"a": [1, {"b": [2, 3]}], "c": {"d": "e"}}).encode()
+    before = repr(VALUES)
+    first = [changed(str(seed), [data], structure=of_json) for seed in range(3000)]
+    assert repr(VALUES) == before
+    assert first == [changed(str(seed), [data], structure=of_json) for seed in range(3000)]
 
 
 def test_the_page_has_a_row_for_each_reader() -> None:
