@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from dem_bridge.errors import BlockedScript, SceneError
 from dem_bridge.lmp.opening import files_of
 from dem_bridge.lmp.reader.deck import read_script
+from dem_bridge.lmp.reader.particles import Particle
 from dem_bridge.lmp.reader.script import Script
 from tests.helpers.strategies import examples
 
@@ -240,3 +241,9 @@ def test_the_work_of_a_loop_is_that_of_the_texts_and_atoms_of_its_commands(
     with pytest.raises(BlockedScript, match=r"(in\.test|bad), line"):
         read_script(text, file="in.test", opened=_FILES.__getitem__)
     assert len(rounds) < 100  # 20,000 of work; a round of two short commands takes 20
+
+
+def test_a_particle_may_be_too_large_for_its_volume() -> None:
+    particle = Particle(number=1, kind=1, place=[0.0, 0.0, 0.0], diameter=1e200)
+    particle.made_of(1000.0)
+    assert particle.mass == math.inf
