@@ -6,6 +6,7 @@ perturbed by their last digit; and ordinary runs at looser tolerances.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -53,6 +54,10 @@ RULES: Mapping[str, ReplicaRule] = MappingProxyType({"reference": REFERENCE, "od
 #: two runs, at these multiples of the tolerance: one agrees by chance where round-off dominates, and on 75 random
 #: scenes whose error is known it left 6 outside; two leave 1
 LOOSER = (10.0, 20.0)
+
+
+#: part of the duration above which the uncertainty of a crossing says that nothing is known of it
+UNSURE = 0.1
 
 
 def looser_rule(scene: Scene) -> ReplicaRule:
@@ -108,6 +113,9 @@ def replica_uncertainty(run: Trajectory, replicas: Sequence[Trajectory], rule: R
             most[order] = np.maximum(most[order], np.maximum.accumulate(finite[order]))
         condition = rule.force_condition if name == "peak_force" else 1.0
         total[name] = most + LEAST * condition * largest
+    # round-off can turn bodies that move alike: such a crossing is not there
+    unsure = total["crossing_time"] > UNSURE * duration
+    total["crossing_time"] = np.where(unsure, math.inf, total["crossing_time"])
     total["displacement"] += 0.5 * run.cost.steps * _EPSILON * rule.rounded_length
     if rule.peaks_follow_velocities:
         speed = float(np.max(np.abs(run.velocity)))

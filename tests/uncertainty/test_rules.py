@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import dem_bridge as db
 from dem_bridge.dense import Schedule
+from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES
-from dem_bridge.uncertainty import fixed_step, grazes
+from dem_bridge.uncertainty import fixed_step, grazes, replicas
 from dem_bridge.uncertainty.differences import absolute_differences
 from dem_bridge.uncertainty.family import TwinFamily
 from dem_bridge.uncertainty.fixed_step import displacement_uncertainty, fixed_step_uncertainty
@@ -286,3 +288,17 @@ def test_a_graze_counts_round_off_and_moves_the_lighter_body(mass: tuple[float, 
     kick = force * math.sqrt(8 * deepest / 3.4) / 2.0
     assert found["velocity"] == pytest.approx(kick, rel=1e-12)
     assert found["displacement"] == pytest.approx(kick * scene.duration, rel=1e-12)
+
+
+def test_a_crossing_by_round_off_alone_has_no_finite_uncertainty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bodies that move alike in a precompressed chain never turn, and round-off turns them."""
+    scene = Scene(
+        name="alike", samples=4, duration=2.91229e-4, mass=(0.0237488, 0.0276718, 0.039186, 0.0596081, 0.123612),
+        stiffness=(1.26511e10, 1.8233e11, 1.20263e10, 1.43625e11), velocity=(11815.0,) * 5, precompression=0.137008,
+        drag=7319.86,
+    )  # fmt: skip
+    run = db.solve(scene, backend="scipy")
+    assert np.all(np.isinf(run.uncertainty["crossing_time"]))
+    assert run.uncertainty["velocity"] < 1e-9 * 11815.0
+    monkeypatch.setattr(replicas, "UNSURE", np.inf)
+    assert np.any(np.isfinite(db.solve(scene, backend="scipy").uncertainty["crossing_time"]))
