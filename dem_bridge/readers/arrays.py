@@ -70,7 +70,10 @@ def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Return the shape and the type that the header of an npy file states."""
     version = np.lib.format.read_magic(stream)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = read(stream)
+    try:
+        shape, _, dtype = read(stream)
+    except TypeError as error:  # numpy sorts the keys, which may be of several types
+        raise ValueError(f"its header cannot be read: {error}") from error
     return shape, dtype
 
 

@@ -194,7 +194,8 @@ int main(void)
     for (int j = 0; j < k; j++) {
         if (y[j] > 0) state[j] = (clip && damp[j] > 0 && total(y, j) <= 0) ? SLACK : PRESS;
         else state[j] = (y[j] == 0 && rate(y, j) >= 0) ? PRESS : OPEN;
-        if (y[j] > 0 && state[j] == PRESS) peak[j] = total(y, j);
+        /* a contact that begins in tension opens, and its largest force is 0 */
+        if (y[j] > 0 && state[j] == PRESS && total(y, j) > 0) peak[j] = total(y, j);
     }
     real now = 0, want = duration * 1e-6L;
     int hit = 0;

@@ -12,6 +12,7 @@ import pytest
 
 from dem_bridge.errors import UsageError
 from dem_bridge.readers import read_record
+from dem_bridge.readers.arrays import read_npy
 from tests.helpers.export_chains import CROSSED
 from tests.helpers.export_runs import made_up
 
@@ -100,3 +101,11 @@ def test_structured_arrays_utf_16_and_arrays_with_a_dimension_of_one_are_read(tm
     for name in ("run.npy", "run.csv", "run.npz"):
         np.testing.assert_array_equal(read_record(tmp_path / name, CROSSED).values["velocity"], RUN.velocity)
     assert read_record(tmp_path / "run.npz", CROSSED).dt == step
+
+
+def test_a_header_of_an_npy_file_with_keys_of_several_types_is_refused(tmp_path: Path) -> None:
+    header = b"{'descr': '<f8', 1: 2, 'shape': (2, 2), 'fortran_order': False}".ljust(117) + b"\n"
+    path = tmp_path / "run.npy"
+    path.write_bytes(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + b"\0" * 32)
+    with pytest.raises(UsageError, match=r"the npy file is damaged .*write it again"):
+        read_npy(path.read_bytes())
