@@ -35,8 +35,8 @@ def ensemble(
     """Solve many chains that differ from a scene in numbers only, drawn at random.
 
     The chains are solved side by side in compiled batches on all cores, by the order-4 method of "blanes-moan" with
-    corrected touches, each with as many steps as its own error takes. A seeded sample of them is also solved by the
-    reference and by LAMMPS.
+    corrected touches, with the fewest steps for the accuracy. A seeded sample of them is also solved by the reference
+    and by LAMMPS.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ def ensemble(
     Returns
     -------
     Ensemble
-        ``table`` (a pandas frame, a row for each chain), ``long_table``, ``to_xarray()``, ``quantiles(observable)``,
-        ``uncertainty`` (of each chain, estimated) and ``checked``, the agreement of the sample.
+        ``table`` (a pandas frame, a row for each chain), ``long_table``, ``to_xarray()``, ``quantiles(observable)``
+        and ``checked``, the agreement of the sample.
 
     Raises
     ------

@@ -7,8 +7,9 @@ k is between places k and k + 1. The method is Blanes and Moan's SRKN_6^b (2002)
 :mod:`dem_bridge.backends.blanes_moan`, and steps that meet a touch are corrected by :mod:`.touch`. No force law and no
 step of the integration is shared with LAMMPS or the reference.
 
-Maximal compressions and largest velocities lie between steps. They are read from Hermite polynomials of degree 5
-through the two ends of a step: overlap, closing rate and closing acceleration, or velocity, acceleration and its rate.
+Maximal compressions and largest velocities lie between steps. They are read from Hermite polynomials through the two
+ends of a step: of degree 5 through overlap, closing rate and closing acceleration, of degree 3 through velocity and
+acceleration.
 """
 
 from __future__ import annotations
@@ -24,22 +25,25 @@ LANES = 8
 
 
 @kernel(nogil=False)
-def _jerk(j, lanes, inertia, beta, s, u, law, exponent):  # type: ignore[no-untyped-def]
-    """Return the rate of the acceleration of a body, m/s^3, from overlaps and closing rates at its contacts."""
-    jerk = 0.0
-    for i, sign in ((j - lanes, 1.0), (j, -1.0)):
-        if s[i] > 0.0:
-            k = i // lanes
-            slope = (exponent[k] - 1.0) * beta[i] * law_power(s[i], law, exponent[k]) / s[i]
-            jerk += sign * inertia * slope * (u[i] - u[i + lanes])
-    return jerk
+def _maximum(step, v0, a0, v1, a1):  # type: ignore[no-untyped-def]
+    """Return the part of a step at which the cubic polynomial of the velocity is largest, and the velocity there."""
+    jump = (v1 - v0) / step
+    tilt = 2.0 * (3.0 * jump - 2.0 * a0 - a1)
+    bend = 3.0 * (a0 + a1 - 2.0 * jump)
+    # the slope a0 + tilt part + bend part^2 goes from above 0 to below: its root without cancellation
+    root = np.sqrt(max(tilt * tilt - 4.0 * bend * a0, 0.0))
+    if root <= tilt:  # by underflow
+        return 1.0, v1
+    part = 2.0 * a0 / (root - tilt)
+    return part, _cubic(part, step, v0, a0, v1, a1)
 
 
 @kernel(nogil=False)
-def _value(part, polynomial):  # type: ignore[no-untyped-def]
-    """Return the value of a polynomial of degree 5."""
-    c0, c1, c2, c3, c4, c5 = polynomial
-    return c0 + part * (c1 + part * (c2 + part * (c3 + part * (c4 + part * c5))))
+def _cubic(part, step, v0, a0, v1, a1):  # type: ignore[no-untyped-def]
+    """Return the velocity at a part of a step by the cubic polynomial through velocity and acceleration at its ends."""
+    jump = (v1 - v0) / step
+    tilt, bend = 2.0 * (3.0 * jump - 2.0 * a0 - a1), 3.0 * (a0 + a1 - 2.0 * jump)
+    return v0 + step * part * (a0 + part * (0.5 * tilt + part * bend / 3.0))
 
 
 @kernel()
@@ -143,35 +147,27 @@ def march(  # type: ignore[no-untyped-def]
             turned += (u0[j] - u0_next[j] > 0.0) & (u[j] - u_next[j] <= 0.0)
             turned += (a0[j] > 0.0) & (a[j] < 0.0)
         if turned > 0:
-            square = step * step
             for j in range(end):
                 closing, opening = u0[j] - u0_next[j], u[j] - u_next[j]
-                compressed = closing > 0.0 and opening <= 0.0 and max(s0[j], s[j]) > 0.0
-                fast = a0[j] > 0.0 and a[j] < 0.0
-                if not (compressed or fast):
-                    continue
-                speed = quintic(u0[j], u[j], step * a0[j], step * a[j], 0.0, 0.0)
-                if j >= lanes:
-                    inertia = rate[j] / step
-                    jerk0 = square * _jerk(j, lanes, inertia, beta, s0, u0, law, exponent)
-                    jerk1 = square * _jerk(j, lanes, inertia, beta, s, u, law, exponent)
-                    speed = quintic(u0[j], u[j], step * a0[j], step * a[j], jerk0, jerk1)
-                if compressed:
+                if closing > 0.0 and opening <= 0.0 and max(s0[j], s[j]) > 0.0:
                     bend0, bend1 = a0[j] - a0_next[j], a[j] - a_next[j]
                     if max(abs(bend0), abs(bend1)) >= rest[j]:
-                        overlaps = quintic(s0[j], s[j], step * closing, step * opening, square * bend0, square * bend1)
-                        part = turning_point(overlaps[1], overlaps[2], overlaps[3], overlaps[4], overlaps[5])
-                        depth = _value(part, overlaps)
+                        square = step * step
+                        c0, c1, c2, c3, c4, c5 = quintic(
+                            s0[j], s[j], step * closing, step * opening, square * bend0, square * bend1
+                        )
+                        part = turning_point(c1, c2, c3, c4, c5)
+                        depth = c0 + part * (c1 + part * (c2 + part * (c3 + part * (c4 + part * c5))))
                         if depth > 0.0:
                             if crossing[j] == np.inf:
                                 crossing[j] = (nth + part) * step
                                 # a body that is still accelerated then is fastest then
-                                fastest[j] = max(fastest[j], _value(part, speed))
+                                fastest[j] = max(fastest[j], _cubic(part, step, u0[j], a0[j], u[j], a[j]))
                             peak[j] = max(peak[j], beta[j] * law_power(depth, law, exponent[j // lanes]))
-                if fast:
-                    part = turning_point(speed[1], speed[2], speed[3], speed[4], speed[5])
+                if a0[j] > 0.0 and a[j] < 0.0:
+                    part, top = _maximum(step, u0[j], a0[j], u[j], a[j])
                     if (nth + part) * step <= crossing[j] or j >= last_body:
-                        fastest[j] = max(fastest[j], _value(part, speed))
+                        fastest[j] = max(fastest[j], top)
         for j in range(end):
             open_still = ((nth + 1) * step <= crossing[j]) | (j >= last_body)
             fastest[j] = u[j] if (u[j] > fastest[j]) & open_still else fastest[j]

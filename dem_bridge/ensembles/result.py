@@ -36,11 +36,8 @@ class Ensemble:
         deleted with this object.
     accuracy : float
         Relative accuracy that was asked for.
-    uncertainty : ndarray
-        Estimated relative error of each chain, the largest of its observables, ``(n_chain,)``. Chains that do not reach
-        the accuracy with 64 times the steps of the others, because their motion is chaotic, have a larger one.
     steps : int
-        Steps with which each chain is solved first; those that need more are solved with more.
+        Steps of each chain.
     checked : DataFrame
         A row for each chain of the sample, code and observable: ``chain``, ``code``, ``observable``,
         ``difference`` (largest, relative to each value's own scale), ``uncertainty`` (of that code, on the same
@@ -49,7 +46,6 @@ class Ensemble:
 
     variation: Variation
     values: Mapping[str, Floats]
-    uncertainty: Floats
     accuracy: float
     steps: int
     checked: pd.DataFrame
@@ -65,10 +61,6 @@ class Ensemble:
     def agreement(self) -> str:
         """Agreement of the sample with the other codes, in one sentence."""
         parts = []
-        if beyond := int(np.sum(self.uncertainty > self.accuracy)):
-            parts.append(
-                f"{beyond} chains have an uncertainty above {self.accuracy:g}, up to {self.uncertainty.max():.1e}"
-            )
         for code, rows in self.checked.groupby("code", sort=False):
             failures = rows[rows["failure"] != ""]
             if len(failures):
@@ -76,13 +68,12 @@ class Ensemble:
             if len(failures) < len(rows):
                 chains = rows[rows["failure"] == ""]["chain"].nunique()
                 parts.append(f"{chains} chains by {code} differ by at most {rows['difference'].max():.1e}")
-            allowed = np.maximum(self.uncertainty[rows["chain"]], self.accuracy) + rows["uncertainty"]
-            disagreeing = rows[rows["difference"] > allowed]
-            if len(disagreeing):
-                names = ", ".join(disagreeing["observable"].unique())
+            beyond = rows[rows["difference"] > self.accuracy + rows["uncertainty"]]
+            if len(beyond):
+                names = ", ".join(beyond["observable"].unique())
                 parts.append(
-                    f"{disagreeing['chain'].nunique()} of these chains disagree: {names} differ by more than"
-                    f" the accuracy {self.accuracy:g} and the uncertainty of {code}"
+                    f"{beyond['chain'].nunique()} of these chains disagree: {names} differ by more than the accuracy"
+                    f" {self.accuracy:g} and the uncertainty of {code}"
                 )
         return "; ".join(parts) or "no chain was checked by another code"
 

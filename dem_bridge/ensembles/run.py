@@ -21,7 +21,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Away, Progress, Result, run_cases, workers_of
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.result import Ensemble
-from dem_bridge.ensembles.solve import OBSERVABLES, Effort, check_solvable, difference, solve_to, steps_for
+from dem_bridge.ensembles.solve import OBSERVABLES, check_solvable, difference, solve_chains, steps_for
 from dem_bridge.errors import DemBridgeError, RunBroken, UsageError
 from dem_bridge.leftovers import owned
 from dem_bridge.observables.registry import observable_named
@@ -75,18 +75,16 @@ def run_ensemble(
                     done = min(n, (nth + 1) * BLOCK)
                     progress(done, n, f"{scene.name}: {n} chains")
         values = {name: _opened(array) for name, array in arrays.items()}
-        uncertainty = values.pop("uncertainty")
         chosen = np.sort(np.random.default_rng([variation.seed, 1]).choice(n, size=min(checks, n), replace=False))
         checked = _checked(variation, values, chosen.tolist(), store)
-        settings = {"variation": variation, "accuracy": accuracy, "steps": steps.steps, "checked": checked}
-        ensemble = Ensemble(values=values, uncertainty=uncertainty, **settings)
+        ensemble = Ensemble(variation=variation, values=values, accuracy=accuracy, steps=steps, checked=checked)
         weakref.finalize(ensemble, stack.pop_all().close)
     return ensemble
 
 
-def solve_block(variation: Variation, nth: int, count: int, steps: Effort, samples: int | None) -> dict[str, Floats]:
+def solve_block(variation: Variation, nth: int, count: int, steps: int, samples: int | None) -> dict[str, Floats]:
     """Return the observables of the first ``count`` chains of a block; what a worker of an executor does."""
-    return solve_to(variation.scene, variation.block(nth, count), steps, samples or 0)
+    return solve_chains(variation.scene, variation.block(nth, count), steps, samples or 0)
 
 
 @contextmanager
@@ -103,7 +101,7 @@ def pool_of(executor: Executor | None) -> Iterator[Executor]:
 
 
 def _blocks(
-    pool: Executor, variation: Variation, sizes: list[int], steps: Effort, samples: int | None
+    pool: Executor, variation: Variation, sizes: list[int], steps: int, samples: int | None
 ) -> Iterator[tuple[int, dict[str, Floats]]]:
     """Yield the blocks as they are solved; only a few are submitted at a time, so that memory is constant.
 
@@ -149,7 +147,6 @@ def _arrays(scene: Scene, n: int, samples: int | None, stack: ExitStack) -> dict
     """Return an array for each observable; large ones are files in a temporary folder that the stack deletes."""
     lengths = {"": (), "body": (scene.n_body,), "contact": (scene.n_contact,)}
     shapes: dict[str, tuple[int, ...]] = {name: (n, *lengths[axis]) for name, axis in OBSERVABLES.items()}
-    shapes["uncertainty"] = (n,)
     if samples is not None:
         shapes["velocity"] = (n, samples + 1, scene.n_body)
     arrays: dict[str, Floats | Path] = {}

@@ -20,7 +20,7 @@ import numpy as np
 from dem_bridge.campaign import Progress
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.run import PILOT, pool_of
-from dem_bridge.ensembles.solve import Effort, check_solvable, solve_to, steps_for
+from dem_bridge.ensembles.solve import check_solvable, solve_chains, steps_for
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Floats
 
@@ -144,7 +144,7 @@ def _solved(
     variation: Variation,
     measures: Measures,
     uniform: Floats,
-    steps: Effort,
+    steps: int,
     executor: Executor | None,
     progress: Progress | None,
 ) -> Floats:
@@ -159,6 +159,6 @@ def _solved(
     return np.concatenate(out, axis=1)
 
 
-def _block(variation: Variation, measures: Measures, steps: Effort, uniform: Floats) -> Floats:
+def _block(variation: Variation, measures: Measures, steps: int, uniform: Floats) -> Floats:
     """Return the measures of a block of chains; what a worker does."""
-    return measures(solve_to(variation.scene, variation.chains(uniform), steps))
+    return measures(solve_chains(variation.scene, variation.chains(uniform), steps))

@@ -1,11 +1,10 @@
-"""Chains of one form solved in groups of lanes, each with as many steps as its accuracy takes."""
+"""Chains of one form solved in groups of lanes, and the number of steps that an accuracy takes."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -39,24 +38,15 @@ OBSERVABLES: Mapping[str, str] = {
 }
 #: the first step that is tried, of 1/omega of the stiffest contact, and the factor between steps that are tried
 _FIRST_PHASE, _FACTOR = 1.0, math.sqrt(2.0)
-#: the error of a run is at most its difference from one at sqrt(2) times the step, times this: of order 2 or more, 1;
-#: where a step meets each touch is chance, and with 3 still 3 % of chains with very different stiffnesses erred by more
-_SAFETY = 5.0
+#: the error of a run is at most its difference from one at 1/sqrt(2) of the step, times this: of order 2 or more, 2;
+#: where a step meets each touch is chance, and single runs lie up to three times above the mean
+_SAFETY = 6.0
 #: the same for velocities at samples, whose scale is the largest velocity and not each one's own
-_SAFETY_OF_SAMPLES = 1.5
+_SAFETY_OF_SAMPLES = 3.0
 #: least closing rate at which a touch is corrected, of the speed of the chain
 _SLOW = 1e-6
-#: most steps of a chain, also relative to those of most chains
-_MOST_STEPS, _MOST_FACTOR = 1_000_000, 64
-
-
-class Effort(NamedTuple):
-    """Effort for the chains of an ensemble."""
-
-    steps: int
-    """Steps with which each chain is solved first."""
-    accuracy: float
-    """Relative accuracy that each chain must have."""
+#: most steps of a chain
+_MOST_STEPS = 1_000_000
 
 
 def check_solvable(scene: Scene) -> None:
@@ -84,55 +74,6 @@ def solve_chains(scene: Scene, chains: Chains, steps: int, samples: int = 0) -> 
     RunBroken
         If a velocity is not finite, because the step is too long.
     """
-    out = _solved(scene, chains, steps, samples)
-    _check_finite(scene, out, steps)
-    return out
-
-
-def solve_to(scene: Scene, chains: Chains, effort: Effort, samples: int = 0) -> dict[str, Floats]:
-    """Return the observables of chains, each solved with more steps until its own error is small enough.
-
-    The result is that of :func:`solve_chains` with "uncertainty", the estimated relative error of each chain, the
-    largest of its observables, ``(n_chain,)``. It exceeds the accuracy where 64 times the steps do not suffice.
-
-    Raises
-    ------
-    RunBroken
-        If a velocity is not finite even then.
-    """
-    steps, left = effort.steps, np.arange(len(chains))
-    coarse = _solved(scene, chains, steps, samples)
-    out: dict[str, Floats] = {}
-    while True:
-        steps = _more(steps, samples)
-        finer = _solved(scene, chains.rows(left), steps, samples)
-        finer["uncertainty"] = _errors(coarse, finer)
-        wrong = finer["uncertainty"] > effort.accuracy
-        coarse = {name: values[wrong] for name, values in finer.items()}
-        if not out:
-            out = finer
-        else:
-            for name, values in finer.items():
-                out[name][left] = values
-        left = left[wrong]
-        if len(left) == 0 or steps >= _MOST_FACTOR * effort.steps:
-            _check_finite(scene, out, steps)
-            return out
-
-
-def _more(steps: int, samples: int) -> int:
-    """Return the next larger number of steps, a multiple of the samples."""
-    every = samples or 1
-    return every * max(math.ceil(_FACTOR * steps / every), steps // every + 1)
-
-
-def _check_finite(scene: Scene, values: Mapping[str, Floats], steps: int) -> None:
-    if np.any(np.isinf(values["peak_velocity"])):
-        raise RunBroken(f"{scene.name}: a velocity is not finite at {steps} steps; give a smaller accuracy")
-
-
-def _solved(scene: Scene, chains: Chains, steps: int, samples: int) -> dict[str, Floats]:
-    """Return the observables of chains; those of a chain whose velocities are not finite are inf."""
     firsts = range(0, len(chains), LANES)
     kept = np.empty((LANES * len(firsts), samples + 1 if samples else 0, scene.n_body))
     # where fewer chains are left the last of them is repeated
@@ -184,21 +125,19 @@ def _group(scene: Scene, chains: Chains, steps: int, kept: Floats) -> dict[str, 
         kept,
     )
     crossing, peak, fastest = (item.reshape(n + 1, LANES) for item in (crossing, peak, fastest))
-    finite = np.all(np.isfinite(fastest[1:]), axis=0)
+    if not np.all(np.isfinite(fastest[1:])):
+        raise RunBroken(f"{scene.name}: a velocity is not finite at {steps} steps; give a smaller accuracy")
     crossing, peak = crossing[line].T, peak[line].T
     arrival = np.pad(crossing[:, :links], ((0, 0), (1, 0)), constant_values=np.nan)
     reached = np.where(np.arange(n) == 0, True, ~np.isnan(arrival))
     speed = np.where(reached & (fastest[1:].T > 0.0), fastest[1:].T, np.nan)
-    out = {
+    return {
         "arrival_at_end": arrival[:, -1],
         "crossing_time": crossing,
         "residence_time": np.pad(np.diff(arrival), ((0, 0), (0, 1)), constant_values=np.nan),
         "peak_velocity": speed,
         "peak_force": peak,
     }
-    for values in out.values():
-        values[~finite] = np.inf
-    return out
 
 
 def _speed(scene: Scene) -> float:
@@ -223,59 +162,52 @@ def difference(values: Floats, reference: Floats) -> Floats:
     """Return each chain's largest difference of an observable, relative to each value's own scale, ``(n_chain,)``.
 
     The scale is the value itself, or a thousandth of the chain's largest where that is more. A value that only one of
-    the two has counts as inf, as one that is not finite does.
+    the two has counts as inf.
     """
     reference, values = (item.reshape(len(item), -1) for item in (reference, values))
     scale = np.array([own_scale(row) for row in reference])
-    missing = (np.isnan(values) != np.isnan(reference)) | np.isinf(values) | np.isinf(reference)
+    missing = np.isnan(values) != np.isnan(reference)
     with np.errstate(divide="ignore", invalid="ignore"):
         off = np.abs(values - reference) / scale
     return np.asarray(np.max(np.where(missing, np.inf, np.nan_to_num(off, nan=0.0)), axis=1, initial=0.0))
 
 
-def steps_for(scene: Scene, chains: Chains, accuracy: float, samples: int | None = None) -> Effort:
-    """Return the effort by which the ``chains`` have the accuracy with the fewest steps in all.
+def steps_for(scene: Scene, chains: Chains, accuracy: float, samples: int | None = None) -> int:
+    """Return the steps of a chain by which all observables of the ``chains`` have the accuracy.
 
-    Each chain is solved with more and more steps until its estimated error is small enough. From the steps that each
-    of them needs follows the number of steps to begin with. With ``samples`` the velocities at all samples count, too,
+    Each trial is compared with one of 1.41 times the steps. With ``samples`` the velocities at all samples count, too,
     relative to the largest, and the steps are a multiple of ``samples``.
 
     Raises
     ------
     UsageError
-        If even the largest number of steps does not give half of the chains the accuracy.
+        If even the largest number of steps does not give the accuracy.
     """
-    first = max(8.0, scene.duration * prescan_hertz(scene).frequency / _FIRST_PHASE) / _FACTOR
-    levels, left = [_more(math.ceil(first), samples or 0)], np.arange(len(chains))
-    enough = np.full(len(chains), -1)  # the level of each chain that is accurate
-    coarse = _solved(scene, chains, levels[0], samples or 0)
-    most = float(_MOST_STEPS)
-    while len(left) and levels[-1] < most:
-        levels.append(_more(levels[-1], samples or 0))
-        finer = _solved(scene, chains.rows(left), levels[-1], samples or 0)
-        wrong = _errors(coarse, finer) > accuracy
-        enough[left[~wrong]] = len(levels) - 1
-        left, coarse = left[wrong], {name: values[wrong] for name, values in finer.items()}
-        if 2 * len(left) < len(chains):
-            most = min(most, float(_MOST_FACTOR * levels[int(np.median(enough[enough > 0])) - 1]))
-    if 2 * len(left) >= len(chains):
-        raise UsageError(
-            f"{scene.name}: accuracy = {accuracy:g} needs more than {_MOST_STEPS:g} steps; give a larger accuracy"
-        )
-    enough[left] = len(levels) - 1
-    total = np.cumsum(levels)
-
-    def cost(begin: int) -> int:
-        return int(np.sum(total[np.maximum(enough, begin + 1)] - total[begin] + levels[begin]))
-
-    return Effort(levels[min(range(len(levels) - 1), key=cost)], accuracy)
+    frequency = prescan_hertz(scene).frequency
+    every = samples or 1
+    trial = max(8.0, scene.duration * frequency / _FIRST_PHASE) / _FACTOR
+    before: tuple[int, dict[str, Floats]] | None = None
+    steps = 0
+    while trial < _MOST_STEPS:
+        trial = max(trial * _FACTOR, steps + 1.0)
+        steps = every * max(1, math.ceil(trial / every))
+        try:
+            values = solve_chains(scene, chains, steps, samples or 0)
+        except RunBroken:
+            continue
+        if before is not None and _error(before[1], values) <= accuracy:
+            return before[0]
+        before = steps, values
+    raise UsageError(
+        f"{scene.name}: accuracy = {accuracy:g} needs more than {_MOST_STEPS:g} steps; give a larger accuracy"
+    )
 
 
-def _errors(values: Mapping[str, Floats], finer: Mapping[str, Floats]) -> Floats:
-    """Return the estimated relative error of the finer values of each chain, the largest of all observables."""
-    off = _SAFETY * np.max([difference(values[name], finer[name]) for name in OBSERVABLES], axis=0)
-    if "velocity" in values:
-        largest = np.max(np.abs(finer["velocity"]), axis=(1, 2))
-        of_samples = np.max(np.abs(values["velocity"] - finer["velocity"]), axis=(1, 2)) / largest
-        off = np.maximum(off, _SAFETY_OF_SAMPLES * of_samples)
-    return np.asarray(np.nan_to_num(off, nan=np.inf, posinf=np.inf))
+def _error(values: Mapping[str, Floats], finer: Mapping[str, Floats]) -> float:
+    """Return the estimated relative error of the values, the largest of all observables and chains."""
+    off = max(float(np.max(difference(values[name], finer[name]), initial=0.0)) for name in OBSERVABLES)
+    if "velocity" not in values:
+        return _SAFETY * off
+    largest = np.max(np.abs(finer["velocity"]), axis=(1, 2), keepdims=True)
+    of_samples = float(np.max(np.abs(values["velocity"] - finer["velocity"]) / largest))
+    return max(_SAFETY * off, _SAFETY_OF_SAMPLES * of_samples)

@@ -21,7 +21,7 @@ from dem_bridge.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.ensembles.draw import LEAST_ANGLE as LEAST_ANGLE
 from dem_bridge.ensembles.draw import VARIED, Variation
 from dem_bridge.ensembles.run import run_ensemble
-from dem_bridge.ensembles.solve import LANED, Effort, solve_to
+from dem_bridge.ensembles.solve import LANED, solve_chains
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.geometry import Geometry
 from dem_bridge.observables.fits import inner_bodies
@@ -191,8 +191,7 @@ def solve_scattered(
     _geometry(scene)
     variation = Variation(scene=scene, vary={"angle": spread}, seed=seed, sampler="sobol")
     chains = run_ensemble(variation, count, samples=samples, checks=0, executor=executor, progress=progress)
-    effort = Effort(chains.steps, chains.accuracy)
-    intended = solve_to(scene, variation.chains(np.full((1, len(variation.columns)), 0.5)), effort)
+    intended = solve_chains(scene, variation.chains(np.full((1, len(variation.columns)), 0.5)), chains.steps)
     _check_arrival(scene, intended["crossing_time"][0])
     return ScatteredChains(
         scene=scene,

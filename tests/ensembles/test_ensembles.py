@@ -14,7 +14,7 @@ from dem_bridge.ensembles import run, solve
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.lanes import march
 from dem_bridge.ensembles.run import CHECKS
-from dem_bridge.ensembles.solve import OBSERVABLES, Effort, difference, solve_chains, solve_to, steps_for
+from dem_bridge.ensembles.solve import OBSERVABLES, difference, solve_chains, steps_for
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.physics.hertz import crossed_cylinders
@@ -37,7 +37,7 @@ ANGLE = {"angle": 0.5}
 def _worst(scene: Scene, variation: Variation, accuracy: float) -> float:
     """Largest relative difference of three chains from the reference, at the steps for the accuracy."""
     chains = variation.block(0, 8)
-    values = solve_to(scene, chains, steps_for(scene, chains, accuracy))
+    values = solve_chains(scene, chains, steps_for(scene, chains, accuracy))
     off = [0.0]
     for nth in range(3):
         one = chains.scene(scene, nth)
@@ -79,7 +79,7 @@ def test_kept_velocities_are_those_of_the_reference() -> None:
     variation = Variation(scene=FIVE, vary={"velocity": 0.1})
     chains = variation.block(0, 4)
     steps = steps_for(FIVE, chains, 1e-4, 50)
-    values = solve_to(FIVE, chains, steps, 50)["velocity"]
+    values = solve_chains(FIVE, chains, steps, 50)["velocity"]
     for nth in range(4):
         exact = db.solve(chains.scene(FIVE, nth), backend="reference", uncertainty=False, samples=50).velocity
         assert values[nth].shape == exact.shape
@@ -134,17 +134,6 @@ def test_results_do_not_depend_on_the_executor(monkeypatch: pytest.MonkeyPatch) 
 def test_the_first_chains_of_a_larger_ensemble_are_the_same() -> None:
     few, many = (db.ensemble(FIVE, vary={"mass": 0.1}, n=n, seed=4, checks=0).table for n in (3, 40))
     assert few.to_csv() == many[:3].to_csv()
-
-
-def test_each_chain_has_as_many_steps_as_it_needs_and_states_its_uncertainty() -> None:
-    chains = Variation(scene=FIVE, vary={"mass": 0.1, "gap": 1e-6}).block(0, 32)
-    effort = Effort(20, 1e-4)
-    values, exact = solve_to(FIVE, chains, effort), solve_chains(FIVE, chains, 10_000)
-    error = np.max([difference(values[name], exact[name]) for name in OBSERVABLES], axis=0)
-    first = solve_chains(FIVE, chains, effort.steps)
-    assert max(difference(first[name], exact[name]).max() for name in OBSERVABLES) > 1e-3
-    assert np.all(error <= values["uncertainty"])
-    assert np.all(values["uncertainty"] <= effort.accuracy)
 
 
 def test_chains_without_scatter_are_the_scene() -> None:

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 
 from dem_bridge.ensembles.draw import Variation
 from dem_bridge.ensembles.sensitivity import sobol_indices
-from dem_bridge.ensembles.solve import solve_to, steps_for
+from dem_bridge.ensembles.solve import solve_chains, steps_for
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
 
@@ -28,7 +28,7 @@ def _by_quadrature() -> tuple[Any, Any]:
     weight = weight / weight.sum()
     grid = np.stack(np.meshgrid(node, node, indexing="ij"), axis=-1).reshape(-1, 2)
     steps = steps_for(THREE, VARIATION.block(0, 32), 1e-5)
-    values = _measures(solve_to(THREE, VARIATION.chains(ndtr(grid)), steps)).reshape(-1, 12, 12)
+    values = _measures(solve_chains(THREE, VARIATION.chains(ndtr(grid)), steps)).reshape(-1, 12, 12)
     mean = np.einsum("kij,i,j->k", values, weight, weight)
     away = values - mean[:, None, None]
     variance = np.einsum("kij,i,j->k", away**2, weight, weight)
