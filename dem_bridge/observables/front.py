@@ -211,9 +211,7 @@ def _difference_of_fewer(trajectory: Trajectory, v: Floats, a: Floats, when: Flo
     """
     time = trajectory.time
     around = np.clip(when + _AROUND[:, None] * spacing(trajectory), time[0], time[-1])
-    six, four, two = (
-        np.array([hermite(trajectory, v, a, each, nodes=nodes) for each in around]) for nodes in (NODES, FEWER, 2)
-    )
+    six, four, two = (hermite(trajectory, v, a, around, nodes=nodes) for nodes in (NODES, FEWER, 2))
     fine, coarse = np.max(np.abs(six - four), axis=0), np.max(np.abs(four - two), axis=0)
     return np.asarray(np.where(fine < _CONVERGING * coarse, fine, 2.0 * (fine + coarse)))
 

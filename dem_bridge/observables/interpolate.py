@@ -88,7 +88,8 @@ def hermite(
 ) -> Floats:
     """Interpolate ``value`` with its ``slope`` in time, ``(n_t, n)`` both, to one time per column, or for all columns.
 
-    ``when (n,)``, s: one time per column, answer ``(n,)``; ``when (n_when, 1)``: answer ``(n_when, n)``. Nan stays nan.
+    ``when (n,)``, s: one time per column, answer ``(n,)``; ``when (n_when, 1)`` or ``(n_when, n)``: answer
+    ``(n_when, n)``. Nan stays nan.
     ``derivative=1``: the polynomial's own slope.
     """
     h = spacing(trajectory)

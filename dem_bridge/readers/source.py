@@ -35,10 +35,8 @@ def damage_as_usage_error(path: Path) -> Iterator[None]:
         raise UsageError(f"{path}: {error}") from error
     except MemoryError as error:
         raise UsageError(f"{path}: the file needs too much memory; write fewer samples") from error
-    except (
-        OSError,
-        *OF_DAMAGED_DATA,
-    ) as error:  # a reader checks its data itself; the fuzzing counts what comes here as a fault
+    except (OSError, *OF_DAMAGED_DATA) as error:
+        # a reader checks its data itself; the fuzzing counts what comes here as a fault
         raise UsageError(
             f"{path}: the file is damaged or not in its format ({type(error).__name__}); write it again"
         ) from error

@@ -8,21 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from dem_bridge.checked import MOST_BODIES
-from dem_bridge.scene_file.forms import (
-    AdhesionTable,
-    Angle,
-    Count,
-    DampingTable,
-    DriveTable,
-    Environment,
-    MeasurementTable,
-    Numbers,
-    Positive,
-    Precompression,
-    Sampling,
-    Table,
-    WallTable,
-)
+from dem_bridge.scene_file.forms import Angle, ChainKeys, Count, Numbers, Positive, SceneKeys, Table, WallTable
 
 # physical form: bodies, from which the numbers are computed
 
@@ -98,18 +84,12 @@ class Striker(Table):
     gap: float = 0.0
 
 
-class PhysicalChain(Table):
+class PhysicalChain(ChainKeys):
     """Keys of [chain] that all physical forms have."""
 
     striker: Striker | None = None
     velocity: Numbers | None = None
     """Start velocity, m/s, of a chain without a striker: of the first body, or one for each."""
-    wall_left: WallTable | None = None
-    wall_right: WallTable | None = None
-    precompression: Precompression | None = None
-    damping: DampingTable | None = None
-    adhesion: AdhesionTable | None = None
-    drive: DriveTable | None = None
 
 
 class CylinderChain(PhysicalChain):
@@ -186,16 +166,10 @@ class PatternStriker(Striker):
     """Name of the material; None means that of the first body."""
 
 
-class PhysicalScene(Table):
+class PhysicalScene(SceneKeys):
     """A scene file with bodies of one material."""
 
-    name: str
-    duration: float
-    description: str = ""
     material: MaterialTable
-    sampling: Sampling = Sampling()
-    environment: Environment = Environment()
-    measurement: MeasurementTable | None = None
 
 
 class PatternWall(WallTable):
@@ -216,17 +190,11 @@ class PatternChain(PhysicalChain):
     wall_right: PatternWall | None = None
 
 
-class PatternScene(Table):
+class PatternScene(SceneKeys):
     """A scene file with a pattern of bodies of several materials."""
 
-    name: str
-    duration: float
-    description: str = ""
     materials: Annotated[dict[str, MaterialTable], Field(min_length=1)]
     chain: PatternChain
-    sampling: Sampling = Sampling()
-    environment: Environment = Environment()
-    measurement: MeasurementTable | None = None
 
 
 class CylinderScene(PhysicalScene):

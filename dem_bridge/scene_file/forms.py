@@ -159,18 +159,9 @@ class MeasurementTable(Table):
     """Parameters that are fitted; None means all that are declared for the whole scene."""
 
 
-# raw form: numbers as lists
+class ChainKeys(Table):
+    """Keys of [chain] that all forms have."""
 
-
-class RawChain(RawTable):
-    """Table [chain] of the raw form."""
-
-    mass: list[float]
-    stiffness: list[float]
-    velocity: list[float]
-    exponent: Numbers = 2.5
-    gap: Numbers = 0.0
-    spacing: float | None = None
     wall_left: WallTable | None = None
     wall_right: WallTable | None = None
     precompression: Precompression | None = None
@@ -179,13 +170,32 @@ class RawChain(RawTable):
     drive: DriveTable | None = None
 
 
-class RawScene(RawTable):
-    """A scene file in raw form."""
+class SceneKeys(Table):
+    """Keys of a scene file that all forms have."""
 
     name: str
     duration: float
     description: str = ""
-    chain: RawChain
     sampling: Sampling = Sampling()
     environment: Environment = Environment()
     measurement: MeasurementTable | None = None
+
+
+# raw form: numbers as lists; RawTable is the last base, because the settings of the last one count
+
+
+class RawChain(ChainKeys, RawTable):
+    """Table [chain] of the raw form."""
+
+    mass: list[float]
+    stiffness: list[float]
+    velocity: list[float]
+    exponent: Numbers = 2.5
+    gap: Numbers = 0.0
+    spacing: float | None = None
+
+
+class RawScene(SceneKeys, RawTable):
+    """A scene file in raw form."""
+
+    chain: RawChain

@@ -54,8 +54,6 @@ RULES: Mapping[str, ReplicaRule] = MappingProxyType({"reference": REFERENCE, "od
 #: two runs, at these multiples of the tolerance: one agrees by chance where round-off dominates, and on 75 random
 #: scenes whose error is known it left 6 outside; two leave 1
 LOOSER = (10.0, 20.0)
-
-
 #: part of the duration above which the uncertainty of a crossing says that nothing is known of it
 UNSURE = 0.1
 
