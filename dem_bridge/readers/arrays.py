@@ -6,6 +6,7 @@ import io
 import json
 import math
 import tokenize
+import warnings
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -71,8 +72,9 @@ def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(stream)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     try:
-        shape, _, dtype = read(stream)
-    except TypeError as error:  # numpy sorts the keys, which may be of several types
+        with warnings.catch_warnings(action="error"):  # a name of a type that numpy abandons, and does not write
+            shape, _, dtype = read(stream)
+    except (TypeError, DeprecationWarning) as error:  # numpy sorts the keys, which may be of several types
         raise ValueError(f"its header cannot be read: {error}") from error
     return shape, dtype
 

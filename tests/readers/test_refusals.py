@@ -103,8 +103,15 @@ def test_structured_arrays_utf_16_and_arrays_with_a_dimension_of_one_are_read(tm
     assert read_record(tmp_path / "run.npz", CROSSED).dt == step
 
 
-def test_a_header_of_an_npy_file_with_keys_of_several_types_is_refused(tmp_path: Path) -> None:
-    header = b"{'descr': '<f8', 1: 2, 'shape': (2, 2), 'fortran_order': False}".ljust(117) + b"\n"
+@pytest.mark.parametrize(
+    "header",
+    [
+        pytest.param(b"{'descr': '<f8', 1: 2, 'shape': (2, 2), 'fortran_order': False}", id="keys-of-several-types"),
+        pytest.param(b"{'descr': '|a8', 'shape': (2, 2), 'fortran_order': False}", id="abandoned-name-of-a-type"),
+    ],
+)
+def test_a_header_of_an_npy_file_that_numpy_does_not_write_is_refused(header: bytes, tmp_path: Path) -> None:
+    header = header.ljust(117) + b"\n"
     path = tmp_path / "run.npy"
     path.write_bytes(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + b"\0" * 32)
     with pytest.raises(UsageError, match=r"the npy file is damaged .*write it again"):
