@@ -1,6 +1,6 @@
 """Measure how time and memory grow with bodies, samples, steps, chains and workers, and run near a limit of memory.
 
-``make bench`` runs this (some three minutes on a quiet machine); docs/scale.md has the numbers of one machine. Each
+``make bench`` runs this (some five minutes on a quiet machine); docs/scale.md has the numbers of one machine. Each
 measurement is a process of its own, so that its peak of memory is its own.
 """
 
@@ -43,6 +43,21 @@ if settings.get("limit"):
 wall, cpu = time.perf_counter(), time.process_time()
 run(settings["n"], settings["steps"], settings["samples"])
 """
+#: bodies with random speeds, which collide again and again; the time of a run that is almost none is subtracted
+_COLLISIONS = """
+from numpy.random import default_rng
+def run(n, duration):
+    speeds = tuple(default_rng(n).uniform(-0.5, 0.5, n))
+    scene = Scene(name="n", duration=duration, mass=(0.01,) * n, stiffness=(2e10,) * (n - 1), velocity=speeds)
+    db.solve(scene, backend=settings["backend"], uncertainty=False, **settings["more"])
+if True:
+    run(settings["n"], 1e-6)
+    before = time.perf_counter()
+    run(settings["n"], 1e-6)
+    wall, cpu = time.perf_counter(), time.process_time()
+    wall += wall - before
+    run(settings["n"], settings["duration"])
+"""
 _CHAINS = """
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -61,6 +76,8 @@ _END = """
     print(json.dumps({"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu, "peak": peak(),
                       "space": address_space()}))
 """
+#: least duration of a chain whose methods are compared, s: about one contact
+_CONTACT = 5e-5
 
 
 def _measured(program: str, **settings: Any) -> dict[str, float]:
@@ -102,6 +119,19 @@ def _of_bodies(sizes: Sequence[int]) -> None:
     )
 
 
+def _of_methods(sizes: Sequence[int]) -> None:
+    """Print the powers of the number of bodies and of the duration by which the time of other methods grows."""
+    print(f"bodies with random speeds, {_CONTACT:g} and {4 * _CONTACT:g} s:")
+    for backend, part, more in (("reference", 1, {}), ("scipy", 1, {}), ("lammps-granular", 10, {"dt": 1e-8})):
+        rows = [(part * n, times * _CONTACT) for n in sizes for times in (1, 4)]
+        runs = [_measured(_COLLISIONS, backend=backend, n=n, duration=t, more=more)["wall"] for n, t in rows]
+        n, duration = np.array(rows).T
+        terms = np.stack([n**0, np.log(n), np.log(duration)], 1)
+        _, of_bodies, of_duration = np.linalg.lstsq(terms, np.log(np.maximum(runs, 1e-3)), rcond=None)[0]
+        largest = f"{runs[-1]:.2f} s for {part * max(sizes)} bodies"
+        print(f"  {backend}: bodies^{of_bodies:.2f} duration^{of_duration:.2f}, {largest}")
+
+
 def _of_chains(counts: Sequence[int], accuracy: float) -> None:
     """Print CPU time and memory of ensembles, and the throughput of processes beside its model."""
     runs = [_measured(_CHAINS, n=n, workers=0, accuracy=accuracy) for n in counts]
@@ -109,20 +139,20 @@ def _of_chains(counts: Sequence[int], accuracy: float) -> None:
         print(f"{count} chains to {accuracy:g}: {run['cpu']:.1f} s of CPU, peak {run['peak'] / 1e6:.0f} MB")
     print(f"  peak of {counts[-1]} over that of {counts[0]} chains: {runs[-1]['peak'] / runs[0]['peak']:.3f}")
     each = (runs[-1]["cpu"] - runs[0]["cpu"]) / (counts[-1] - counts[0])
-    start, count = _measured(_CHAINS, n=16, workers=1, accuracy=accuracy)["wall"], counts[0]
+    start, count = _measured(_CHAINS, n=16, workers=1, accuracy=accuracy)["wall"], 4 * counts[0]
     for workers in (1, 2):
         wall = _measured(_CHAINS, n=count, workers=workers, accuracy=accuracy)["wall"]
         model = start + each * count / workers
         print(
-            f"{count} chains on {workers} processes: {wall:.1f} s; {start:.1f} s + chains x {1e3 * each:.3f} ms /",
-            end="",
+            f"{count} chains on {workers} processes: {start:.1f} s + chains x {1e3 * each:.3f} ms / {workers} ="
+            f" {model:.1f} s predicted, {wall:.1f} s measured, ratio {wall / model:.2f}"
         )
-        print(f" {workers} = {model:.1f} s; {8 * 163 * count / 1e6:.1f} MB came back")
 
 
 def main(*, tiny: bool = False) -> int:
     """Print all measurements; ``tiny`` takes small sizes."""
     _of_bodies((1000, 2000) if tiny else (50_000, 100_000, 400_000))
+    _of_methods((4, 8) if tiny else (80, 160, 320, 640))
     _of_chains((16, 32) if tiny else (10_000, 100_000), 0.05 if tiny else 0.01)
     return 0
 

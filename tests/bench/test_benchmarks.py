@@ -23,7 +23,7 @@ LAST_LINES = {
     "bench_lammps": r"drag, LAMMPS - twin; order .*\d\.\de-\d\d; -?\d",
     "bench_paper": r"verify tiny: \d+\.\d s, again \d+\.\d s",
     "bench_plan": r"lammps-granular .*0\.01 ",
-    "bench_scale": r"16 chains on 2 processes: \d",
+    "bench_scale": r"64 chains on 2 processes: \d.* predicted, .* measured, ratio \d",
 }
 #: its exit code says whether numbers are as they must be, also on the tiny case (others judge times or many scenes)
 EXACT = "bench_horizon"
