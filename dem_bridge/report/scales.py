@@ -77,24 +77,27 @@ def scale_together(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
         return
     rest = [value for y in lines for value in (y[1:] if len(y) > 1 else y)]
     low, high = min(0.0, *rest), max(0.0, *rest)
-    near = [float(y[0]) for y in lines if low <= y[0] <= 2.0 * high]
-    high = max([high, *near])
+    near = [float(y[0]) for y in lines if 2.0 * (low - high) <= y[0] <= 2.0 * high]
+    low, high = min([low, *near]), max([high, *near])
     if not high > low:
         low, high = low - 1.0, high + 1.0
     room = 0.06 * (high - low)
-    beyond = any(y[0] > high + room for y in lines)
+    firsts = [
+        max((float(y) for line in panel.series for y in line.y[:1] if np.isfinite(y)), default=0.0) for panel in panels
+    ]
+    beyond = max(firsts) > high + room
     top = high + room * (3.5 if beyond else 1.0)  # room for the note
-    for ax, curves, panel in zip(axes, series, panels, strict=True):
+    for ax, first, panel in zip(axes, firsts, panels, strict=True):
         ax.set_ylim(low - room if low < 0.0 else 0.0, top)
-        first = max((float(y[0]) for y in curves), default=0.0)
-        if beyond and first > high + room:
+        if first > high + room:
             _name_off_scale(ax, panel, first)
 
 
 def _curves(panel: Panel) -> list[NDArray[np.float64]]:
-    """Return the lines of a panel, and the edges of its bands."""
+    """Return the lines of a panel, and the edges of its bands and, on a linear axis, of its bars."""
     curves = [line.y for line in panel.series]
-    bands = [(line.y, line.bar) for line in panel.series if line.style == "band" and line.bar is not None]
+    linear = not (panel.log or panel.log_y)
+    bands = [(line.y, line.bar) for line in panel.series if line.bar is not None and (linear or line.style == "band")]
     return [*curves, *(y + side * bar for y, bar in bands for side in (-1.0, 1.0))]
 
 

@@ -127,6 +127,25 @@ def test_zero_is_on_every_linear_axis() -> None:
         assert bottom <= 0.0 <= top
 
 
+@pytest.mark.parametrize("style", ["band", "reference"])
+def test_bands_and_bars_are_within_a_linear_axis_at_its_first_point_too(style: str) -> None:
+    bar = np.full(len(X), 0.5)
+    bar[0] = 1.5
+    [ax] = _axes(draw_figure(_figure(_panel("a", series=(replace(_line(style, np.ones(len(X))), bar=bar),)))))
+    bottom, top = ax.get_ylim()
+    assert bottom < -0.5  # 1 - 1.5, of the first point
+    assert top > 2.5
+    assert not ax.texts
+
+
+def test_an_edge_of_a_first_point_far_above_the_others_does_not_compress_them() -> None:
+    bar = np.full(len(X), 0.1)
+    bar[0] = 100.0
+    [ax] = _axes(draw_figure(_figure(_panel("a", series=(replace(_line("band", np.ones(len(X))), bar=bar),)))))
+    assert ax.get_ylim()[1] < 1.5
+    assert not ax.texts  # the note is for values
+
+
 def test_a_long_label_of_a_y_axis_is_on_the_page() -> None:
     label = "energy change / largest energy in motion of all bodies (1e-08)"
     panel = replace(_panel("a", series=(_line("reference", X),)), y_label=label)
