@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import inspect
+import re
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,20 @@ def test_numbers_that_are_not_in_the_range_of_a_formula_name_it() -> None:
         db.observed_order([2.0, 1.0], [1.0])
     with pytest.raises(UsageError, match="finite steps > 0"):
         db.observed_order([-2.0, 1.0], [1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("force", "made"),
+    [
+        (lambda _: 1.0, "shape () and type float64"),
+        (lambda d: d[0], "shape (2,) and type float64"),
+        (lambda d: 1j * d, "shape (2, 2) and type complex128"),
+        (lambda d: np.nan * d, "shape (2, 2) and type float64"),
+    ],
+)
+def test_a_law_that_does_not_return_a_number_for_each_overlap_is_refused(force: Any, made: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"is an array of {made}; allowed: finite numbers")):
+        db.law_of(force, reach=1e-5)
 
 
 def test_bytes_are_no_list_of_numbers() -> None:

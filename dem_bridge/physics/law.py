@@ -85,6 +85,11 @@ def law_of(force: Callable[[Floats], Floats], *, reach: float, kinks: Iterable[f
     kinks : iterable of float
         Overlaps at which the slope of the force jumps, m.
 
+    Raises
+    ------
+    ValueError
+        An argument is not as above, or ``force`` does not return a finite number for each overlap.
+
     Examples
     --------
     >>> law = law_of(lambda d: 1e6 * d + 1e9 * d**1.5, reach=1e-5)
@@ -95,6 +100,13 @@ def law_of(force: Callable[[Floats], Floats], *, reach: float, kinks: Iterable[f
     reach, kinks = above(0.0, "reach", reach, "m"), tuple(number("kinks", kink, "m") for kink in kinks)
     if not callable(force):
         raise ValueError(f"force = {force!r}; allowed: an array function of the overlap (m)")
+    overlaps = reach * np.array([[0.25, 0.5], [0.75, 1.0]])
+    forces = np.asarray(force(overlaps))
+    if forces.shape != overlaps.shape or forces.dtype.kind not in "fiu" or not np.isfinite(forces).all():
+        made = f"an array of shape {forces.shape} and type {forces.dtype}"
+        raise ValueError(
+            f"force(overlaps of shape (2, 2)) is {made}; allowed: finite numbers (N), one for each overlap"
+        )
     # powers of 1/2 in addition: where an overlap is at least half of a panel's end, any power has full precision
     edges = np.union1d(clustered(reach, kinks, 200), reach * 2.0 ** -np.arange(60.0))
     node, weight = np.polynomial.legendre.leggauss(10)
