@@ -18,6 +18,8 @@ from dem_bridge.leftovers import owned, sweep
 MOST_TEXT = 2**26
 #: largest size of a file of samples and of the arrays in it, bytes
 MOST_BYTES = 2**29
+#: name of the page of a report, and what is near the beginning of each
+PAGE, GENERATOR = "index.html", b'<meta name="generator" content="dem_bridge">'
 #: variable with the folder below which the files must be that scenes and decks name
 FILES_BELOW = "DEM_BRIDGE_FILES_BELOW"
 
@@ -112,6 +114,17 @@ def check_folder(folder: Path) -> None:
         raise UsageError(f"{folder}: the folder cannot be written ({error.strerror}); choose another") from error
     if not os.access(folder, os.W_OK):
         raise UsageError(f"{folder}: the folder cannot be written (no permission); choose another")
+
+
+def check_report_folder(folder: Path) -> None:
+    """Check a folder by :func:`check_folder`; raise UsageError if its ``index.html`` is not a page of dem_bridge."""
+    check_folder(folder)
+    page = folder / PAGE
+    if page.exists():
+        with opened(page, MOST_BYTES) as file:
+            if GENERATOR not in file.read(4096):
+                allowed = f"a folder without {PAGE}, or with an earlier report"
+                raise UsageError(f"{page}: the page is not from dem_bridge and would be lost; allowed: {allowed}")
 
 
 def write_whole(folder: Path, texts: Mapping[str, str | bytes], *, replace: bool = True) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
-from dem_bridge.files import check_folder
+from dem_bridge.files import check_report_folder
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
@@ -111,7 +111,7 @@ def study(
         allowed = ", ".join(key for key in parameters if key not in _NOT_SETTINGS)
         raise UsageError(f"study {name!r} has no setting {unknown[0]!r}; allowed: {allowed or 'none'}")
     if folder is not None:
-        check_folder(Path(folder))
+        check_report_folder(Path(folder))
     if "progress" in parameters:
         options["progress"] = progress
     if scene is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
-from dem_bridge.files import check_folder, write_whole
+from dem_bridge.files import check_report_folder, write_whole
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import scene_of
@@ -107,7 +107,7 @@ def verify(
     chosen = [] if whole else [scene_of(scene) for scene in scenes]
     accuracy = checked_accuracy(DEFAULT_ACCURACY if accuracy is None else accuracy)
     if folder is not None:
-        check_folder(Path(folder))
+        check_report_folder(Path(folder))
     if bundle is not None:
         from dem_bridge.report.bundle import check_bundle
 

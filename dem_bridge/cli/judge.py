@@ -11,7 +11,7 @@ import click
 import dem_bridge
 from dem_bridge.cli.options import print_json, with_options
 from dem_bridge.errors import UsageError
-from dem_bridge.files import check_folder
+from dem_bridge.files import check_report_folder
 
 
 @with_options("judge")
@@ -27,7 +27,7 @@ def judge(
     The exit code is 0 for PASS, 1 for FAIL, 3 for a run that failed and 4 for UNDECIDED.
     """
     if folder is not None:
-        check_folder(folder)
+        check_report_folder(folder)
     if isinstance(units := settings.get("units"), list):
         settings["units"] = ",".join(units)
     if not files and "command" not in settings:

@@ -15,7 +15,7 @@ from typing import Any
 from markupsafe import Markup
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
-from dem_bridge.files import write_whole
+from dem_bridge.files import check_report_folder, write_whole
 from dem_bridge.notebook import scene_sketch
 from dem_bridge.report import crate
 from dem_bridge.report.cells import SEVERITY
@@ -47,6 +47,7 @@ _SHOWN_OTHERWISE = ("claims", "verdicts")
 def write_study(study: Study, folder: Path, store: Store | None = None) -> tuple[str, ...]:
     """Write :func:`study_files` into ``folder`` (made if need be), all or none; return the names, the page first."""
     files = study_files(study, store)
+    check_report_folder(folder)
     write_whole(folder, files)
     return tuple(files)
 

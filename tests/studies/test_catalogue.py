@@ -388,3 +388,24 @@ def test_the_scene_stands_in_the_title_if_all_rows_share_it(
     shared = len(set(names)) == 1
     assert ("Numbers: pair" in shown) == shared
     assert shown.count("pair") == (1 if shared else names.count("pair"))
+
+
+@pytest.mark.usefixtures("made_up")
+def test_a_page_that_is_not_from_dem_bridge_is_not_replaced(tmp_path: Path) -> None:
+    page, foreign = tmp_path / "index.html", "<html><title>another project</title></html>"
+    page.write_text(foreign)
+    report = db.study("of-scene", "decelerating-40", strength=2.0)
+    for write in (
+        lambda: db.study("of-scene", "decelerating-40", folder=tmp_path, strength=2.0),
+        lambda: db.verify("decelerating-40", folder=tmp_path),
+        lambda: report.save(tmp_path),
+    ):
+        with pytest.raises(
+            UsageError, match=r"index\.html: the page is not from dem_bridge and would be lost; allowed"
+        ):
+            write()
+    assert [file.name for file in tmp_path.iterdir()] == ["index.html"]
+    assert page.read_text() == foreign
+    page.unlink()
+    report.save(tmp_path)
+    report.save(tmp_path)
