@@ -14,6 +14,7 @@ import time
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from tempfile import gettempdir
 
 #: machine and its space of process ids, process id, and time of its start in ticks, in hexadecimal digits
 _OWNER = re.compile(r"-([0-9a-f]{8})-([0-9a-f]+)-([0-9a-f]+)-")
@@ -22,6 +23,8 @@ _OWNER = re.compile(r"-([0-9a-f]{8})-([0-9a-f]+)-([0-9a-f]+)-")
 CLAIM = ".claim"
 #: s
 _JUST_MADE = 1.0
+#: folder of shared memory on Linux
+SHARED_MEMORY = Path("/dev/shm")
 
 
 def owned(prefix: str) -> str:
@@ -53,6 +56,13 @@ def sweep(folder: Path) -> None:
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 path.unlink(missing_ok=True)
+
+
+@cache
+def sweep_temporary() -> None:
+    """Remove temporary folders and shared memory of MPICH that dead processes left behind, once in a process."""
+    sweep(Path(gettempdir()))
+    remove_unmapped(SHARED_MEMORY, "mpich_shm_*")
 
 
 def remove_unmapped(folder: Path, pattern: str) -> None:

@@ -6,11 +6,13 @@ import mmap
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 
 from dem_bridge import leftovers
+from dem_bridge.campaign import run_cases
 from dem_bridge.files import write_whole
 from dem_bridge.leftovers import is_left_behind, owned, remove_unmapped, started
 from dem_bridge.lmp.process import workspace
@@ -28,6 +30,7 @@ def dead() -> str:
 @pytest.fixture(autouse=True)
 def _next_process() -> None:
     leftovers.sweep.cache_clear()
+    leftovers.sweep_temporary.cache_clear()
 
 
 def test_a_name_is_left_behind_when_its_process_is_dead(dead: str) -> None:
@@ -41,12 +44,14 @@ def test_a_name_is_left_behind_when_its_process_is_dead(dead: str) -> None:
     assert is_left_behind("-".join([*mine[:3], f"{started(os.getpid()) - 1:x}", "x"]))
 
 
-def test_the_store_a_report_and_a_run_remove_what_dead_processes_left(
+def test_the_store_a_report_a_run_and_a_campaign_remove_what_dead_processes_left(
     dead: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dem_bridge.lmp.process.gettempdir", lambda: str(tmp_path))
-    for begin in (lambda: Store(tmp_path), lambda: write_whole(tmp_path, {}), lambda: workspace().__enter__()):
+    monkeypatch.setattr(leftovers, "gettempdir", lambda: str(tmp_path))
+    of_temporary: Sequence[Callable[[], object]] = (lambda: workspace().__enter__(), lambda: run_cases([]))
+    for begin in (lambda: Store(tmp_path), lambda: write_whole(tmp_path, {}), *of_temporary):
         leftovers.sweep.cache_clear()
+        leftovers.sweep_temporary.cache_clear()
         (tmp_path / f"{dead}folder").mkdir()
         (tmp_path / f"{dead}folder" / "log.lammps").write_text("")
         (tmp_path / f"{dead}file.part").write_text("")

@@ -21,6 +21,7 @@ from dem_bridge.campaign.pool import run_in_processes
 from dem_bridge.campaign.results import Progress, Result, run_case
 from dem_bridge.campaign.tasks import Outcome, Task, claim_of, is_stored, perform_task, with_run
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.leftovers import sweep_temporary
 from dem_bridge.progress import Campaign, Interrupted, campaign, listening, stop_requested
 from dem_bridge.runs.cache import RunCache, load_run
 from dem_bridge.runs.case import Case
@@ -85,6 +86,7 @@ def run_cases(
                     f"jobs = {jobs}: the law of {scene.name} cannot go to another process ({reason});"
                     " allowed: laws that are functions of a module, or jobs = 1"
                 )
+    sweep_temporary()
     cache = cache or RunCache(store)
     # a case without a name is like no other
     names = [_name(case) or str(number) for number, case in enumerate(cases)]

@@ -23,13 +23,11 @@ from tempfile import TemporaryDirectory, gettempdir
 from typing import Any
 
 from dem_bridge.errors import BackendUnavailable, RunBroken
-from dem_bridge.leftovers import owned, remove_unmapped, sweep
+from dem_bridge.leftovers import SHARED_MEMORY, owned, sweep_temporary
 from dem_bridge.lmp import log
 from dem_bridge.lmp.engine import STYLES, Build, Engine, lacks, remedy
 
 WORKER = Path(__file__).with_name("worker.py")
-#: folder of shared memory on Linux
-SHARED_MEMORY = Path("/dev/shm")
 PARENT_DEATH_GUARD = Path(__file__).with_name("parent_death_guard.py")
 #: files of a task: the reply of the worker, LAMMPS' log, and what the child writes to the screen
 _ANSWER, _LOG, _SCREEN = "answer.json", "log.lammps", "stderr.txt"
@@ -177,8 +175,7 @@ def workspace() -> Iterator[Path]:
     RunBroken
         If the folder cannot be created or written.
     """
-    sweep(Path(gettempdir()))
-    _sweep_dead()
+    sweep_temporary()
     try:
         with TemporaryDirectory(prefix=owned("dem-bridge"), ignore_cleanup_errors=True) as name:
             try:
@@ -419,12 +416,6 @@ def _sweep(pid: int) -> None:
     for path in SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*"):
         with suppress(OSError):  # it belongs to another user
             path.unlink()
-
-
-@cache
-def _sweep_dead() -> None:
-    """Remove the shared memory of MPI libraries whose processes were killed with their parents, once in a process."""
-    remove_unmapped(SHARED_MEMORY, "mpich_shm_*")
 
 
 def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch: Callable[[], None] | None) -> Ended:

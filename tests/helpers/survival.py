@@ -23,7 +23,7 @@ from typing import Any
 
 import click
 
-from dem_bridge.lmp.process import SHARED_MEMORY
+from dem_bridge.leftovers import SHARED_MEMORY
 from tests.helpers.processes import PATIENCE, all_end, happens, pause
 
 ROOT = Path(__file__).parents[2]
