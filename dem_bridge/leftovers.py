@@ -61,7 +61,8 @@ def sweep(folder: Path) -> None:
 @cache
 def sweep_temporary() -> None:
     """Remove temporary folders and shared memory of MPICH that dead processes left behind, once in a process."""
-    sweep(Path(gettempdir()))
+    with suppress(FileNotFoundError):  # no folder for temporary files can be written
+        sweep(Path(gettempdir()))
     remove_unmapped(SHARED_MEMORY, "mpich_shm_*")
 
 
