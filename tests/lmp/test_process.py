@@ -15,6 +15,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends import lammps
 from dem_bridge.errors import BackendUnavailable, RunBroken
+from dem_bridge.leftovers import SHARED_MEMORY
 from dem_bridge.lmp import process, worker
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import loading_worker, probe, require, run_deck
@@ -312,7 +313,7 @@ def test_no_shared_memory_of_a_run_is_left(
 def _shared_memory_of_children() -> list[Path]:
     """Return the shared memory of MPI processes that this process has started."""
     pids = {int(pid) for pid in Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split()}
-    return [file for pid in pids for file in process.SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*")]
+    return [file for pid in pids for file in SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*")]
 
 
 @pytest.mark.lammps
@@ -335,7 +336,7 @@ def test_lammps_leaves_no_shared_memory(stopped: bool, monkeypatch: pytest.Monke
         sweep = process._sweep
 
         def note_and_sweep(pid: int) -> None:
-            files.add(process.SHARED_MEMORY / f"mpich_shm_{pid:x}_0")
+            files.add(SHARED_MEMORY / f"mpich_shm_{pid:x}_0")
             sweep(pid)
 
         monkeypatch.setattr(process, "_sweep", note_and_sweep)
