@@ -130,14 +130,18 @@ def _every_change() -> list[tuple[str, int]]:
     return [(file, k) for file, text in texts.items() for k in range(len(_parsed(text)[1]))]
 
 
-def sample(count: int, seed: int) -> list[Mutant]:
-    """Return a seeded sample of all changes of the targets; a smaller count is the beginning of a larger one."""
+def sample(count: int, seed: int, part: str = "") -> dict[int, Mutant]:
+    """Return a seeded sample of all changes of the targets by number, or those in files whose path begins with a part.
+
+    A smaller count is the beginning of a larger one.
+    """
     every = list(_every_change())
     random.Random(seed).shuffle(every)
-    chosen = []
-    for file, index in every[:count]:
-        with mutated((ROOT / file).read_text(encoding="utf-8"), index) as (_, after, line, before):
-            chosen.append(Mutant(file, index, line, before, after))
+    chosen = {}
+    for number, (file, index) in enumerate(every[:count]):
+        if file.startswith(part):
+            with mutated((ROOT / file).read_text(encoding="utf-8"), index) as (_, after, line, before):
+                chosen[number] = Mutant(file, index, line, before, after)
     return chosen
 
 

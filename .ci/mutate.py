@@ -3,6 +3,7 @@
     make mutate                          # 300 faults of a seeded sample
     make mutate ARGS="--count 60"        # the first 60 of them
     make mutate ARGS="--again 17"        # one of them, with what the tests print
+    make mutate ARGS="--part judging --file judging/order.py --count 99999 --folder /tmp/order"   # all of one file
 
 A fault is one change of an operator, a comparison, a constant or a choice, as mutmut and cosmic-ray plant them, in the
 modules of ``PARTS``. No file is changed: the tests are collected once, and a forked process for each fault gives the
@@ -208,14 +209,13 @@ class Count:
 
     def count(self) -> None:
         """Plant the faults of the sample that have no result yet, and print what came out."""
-        part, wanted = f"dem_bridge/{self.options.part}", self.options.again
-        mutants = dict(enumerate(sample(self.options.count, self.options.seed)))
+        part, wanted = f"dem_bridge/{self.options.file or self.options.part}", self.options.again
+        chosen = sample(self.options.count, self.options.seed, part)
         if wanted is not None:
-            print(self.run(mutants[wanted], self.tests_of(mutants[wanted]), show=True))
+            print(self.run(chosen[wanted], self.tests_of(chosen[wanted]), show=True))
             return
         lines = self.results.read_text("utf-8").splitlines() if self.results.exists() and not self.options.fresh else []
         results = {_key(entry): entry for entry in map(json.loads, lines)}
-        chosen = {number: mutant for number, mutant in mutants.items() if mutant.file.startswith(part)}
         with self.results.open("a" if lines else "w", encoding="utf-8") as file:
             for number, mutant in chosen.items():
                 key = _key(vars(mutant))
@@ -269,6 +269,7 @@ def main() -> int:
     parser.add_argument(
         "--part", choices=("", *PARTS), default="", help="only the faults of this part, by its own tests"
     )
+    parser.add_argument("--file", default="", metavar="FILE", help="only its faults, such as judging/order.py")
     parser.add_argument("--fresh", action="store_true", help="forget earlier results")
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a fork has one thread
     os.chdir(ROOT)

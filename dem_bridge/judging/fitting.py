@@ -92,8 +92,8 @@ class Data:
             digits = float(np.max(np.where(np.isfinite(values), rounding, 0.0), initial=0.0))
             self.floors.append(max(digits, 1e-12 * size, floor.get(name, 0.0)))
         steps = np.diff(self.time)
-        self.interval = float(np.median(steps)) if len(steps) else float(self.time[-1])
-        self.even = bool(len(steps)) and bool(np.ptp(steps) < 1e-6 * self.interval)
+        self.interval = float(np.median(steps))
+        self.even = bool(np.ptp(steps) < 1e-6 * self.interval)
         #: False if the step of the file is in another unit of time than its rows, which are no multiples of it
         count = self.interval / self.dt if self.dt is not None else 1.0
         self.whole = not self.even or abs(count - round(count)) < 1e-3 * max(count, 1.0)

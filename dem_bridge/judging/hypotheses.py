@@ -89,10 +89,8 @@ class Changes:
         """Return the system with factors on masses ``(n,)`` and stiffnesses ``(n + 1,)``."""
         base = self.base
         masses, constants = base.mass * mass, base.stiffness * stiffness
-        damping = base.damping
-        if any(self.powers) and base.damped:
-            ratio = _effective(masses) / _effective(base.mass)
-            damping = damping * np.broadcast_to(stiffness, damping.shape) ** self.powers[0] * ratio ** self.powers[1]
+        ratio = _effective(masses) / _effective(base.mass)
+        damping = base.damping * stiffness ** self.powers[0] * ratio ** self.powers[1]
         load = (base.free - self.scene.gravity) * base.mass
         return base.changed(mass=masses, stiffness=constants, damping=damping, free=self.scene.gravity + load / masses)
 
@@ -225,25 +223,22 @@ def _patterns(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
     Stiffnesses of walls are numbers of a scene, in which neither a radius nor a modulus enters.
     """
     base = change.base
-    inner = np.zeros(scene.n_body + 1, dtype=bool)
-    inner[1:-1] = base.stiffness[1:-1] > 0.0
-    moduli, radii = [np.ones(scene.n_body)], [np.cbrt(base.mass)]
-    patterns: list[tuple[str, Floats]] = []
+    inner, walls = base.stiffness[1:-1], base.stiffness[[0, -1]]
+    moduli, radii = [np.ones(len(inner))], [np.cbrt(base.mass)]
     if scene.geometry is not None:
-        radii.insert(0, np.array([body.radius for body in scene.geometry.bodies]))
+        radii = [np.array([body.radius for body in scene.geometry.bodies]), *radii]
         young = np.array([body.material.youngs_modulus for body in scene.geometry.bodies])
-        compliance = np.array([1.0 - body.material.poissons_ratio**2 for body in scene.geometry.bodies]) / young
-        inverse = _effective(1.0 / compliance)
-        moduli = [np.append(1.0, young) / inverse, np.append(young, 1.0) / inverse, _effective(young) / inverse]
-    patterns += [("modulus", np.append(pattern, 1.0)[: len(inner)]) for pattern in moduli]
-    patterns += [("missing-sqrt-radius", 1.0 / np.sqrt(_effective(radius))) for radius in radii]
-    patterns.append(("missing-sqrt-radius", 1.0 / np.where(base.stiffness > 0.0, base.stiffness, 1.0)))
+        loss = np.array([1.0 - body.material.poissons_ratio**2 for body in scene.geometry.bodies])
+        effective = _effective(young / loss)[1:-1]
+        moduli = [young[:-1] / effective, young[1:] / effective, _effective(young)[1:-1] / effective]
+    patterns = [("modulus", pattern) for pattern in moduli]
+    patterns += [("missing-sqrt-radius", _effective(radius)[1:-1] ** -0.5) for radius in radii]
+    patterns.append(("missing-sqrt-radius", inner**-1.0))
     seen: list[Floats] = []
-    for cause, pattern in patterns:
-        relative = pattern / np.exp(np.mean(np.log(pattern[inner]))) if inner.any() else np.ones(len(inner))
-        relative = np.where(inner, relative, 1.0)
-        uniform = np.ptp(relative[inner]) < 1e-9 if inner.any() else True
-        if (uniform and np.all(inner == (base.stiffness > 0.0))) or (uniform and cause != "modulus"):
+    for cause, pattern in patterns if len(inner) else ():
+        relative = pattern / np.exp(np.mean(np.log(pattern)))
+        uniform = np.ptp(relative) < 1e-9
+        if uniform and (cause != "modulus" or not np.any(walls > 0.0)):
             continue
         if any(np.max(np.abs(relative - other)) < 1e-9 for other in seen):
             continue
@@ -251,8 +246,8 @@ def _patterns(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
         words = "Stiffnesses lack sqrt(R*)" if cause != "modulus" else "Stiffnesses have another modulus"
         yield Hypothesis(
             cause,
-            lambda p, full=relative: Variant(  # type: ignore[misc]
-                change.with_factors(stiffness=np.where(inner, full * _factor(p[0]), 1.0))
+            lambda p, relative=relative: Variant(  # type: ignore[misc]
+                change.with_factors(stiffness=np.concatenate([[1.0], relative * _factor(p[0]), [1.0]]))
             ),
             f"{words} in the contacts between bodies (mean factor {{0:.6g}} +- {{1:.2g}}).",
             WIDE_STARTS,

@@ -186,7 +186,7 @@ def _order(dt: Sequence[float], measured: Errors, whole: Errors) -> Order | None
         return None
     errors = [error for error, _ in measured]
     fit = observed_order(dt, errors)
-    others = [observed_order(dt[k : k + 2], errors[k : k + 2]).order for k in range(len(dt) - 1)]
+    others = [observed_order(*pair).order for pair in zip(pairwise(dt), pairwise(errors), strict=True)]
     if all(error > ABOVE_FLOOR * limit for error, limit in whole):
         others.append(observed_order(dt, [error for error, _ in whole]).order)
     unknown = math.hypot(*(limit / error for error, limit in measured)) / math.log(dt[-1] / dt[0])

@@ -28,7 +28,6 @@ def sample_hypotheses(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesi
         "The file is late by {0:.6g} +- {1:.2g} s.",
         ((0.0,), (1.0,), (-1.0,), (3.0,), (-3.0,), (10.0,), (-10.0,)),
         value=lambda p: p * unit,
-        probe=1e-3,
         reach=1e4,
     )
     for lag in (1, -1):

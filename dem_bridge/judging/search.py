@@ -83,17 +83,10 @@ class Search:
 
         def first(hypothesis: Hypothesis) -> Candidate:
             best = Candidate(hypothesis, np.array(hypothesis.starts[0]), math.inf)
-            trials = (
-                [np.clip(np.array(p), *hypothesis.bounds) for p in hypothesis.starts if p != (0.0,)]
-                if large or hypothesis.size == 0
-                else []
-            )
-            if hypothesis.size > 0 and hypothesis.probe is not None:
-                if not hypothesis.logarithmic:
-                    trials = [trial for trial in trials if trial.any()]  # the scene itself
-                probe = np.array(hypothesis.starts[0])
-                probe[0] = hypothesis.probe
-                variant = hypothesis.make(probe)
+            starts = [p for p in hypothesis.starts if p != (0.0,)]  # the scene itself
+            trials = [np.clip(np.array(p), *hypothesis.bounds) for p in starts if large or not p]
+            if hypothesis.size and hypothesis.probe is not None:
+                variant = hypothesis.make(np.array([hypothesis.probe]))
                 origin = start if variant.method is None else whole
                 change = self.fitter.residual(variant, rows, extra) - origin
                 norm = float(np.sum(change**2))
