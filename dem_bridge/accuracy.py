@@ -370,7 +370,5 @@ def _order_of_three(steps: Sequence[float], fine: float, coarse: float) -> float
     low, high = -64.0, 64.0
     for _ in range(200):
         middle = 0.5 * (low + high)
-        if not low < middle < high:
-            break
         low, high = (middle, high) if excess(middle) < 0.0 else (low, middle)
     return high

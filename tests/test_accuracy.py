@@ -10,7 +10,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import dem_bridge as db
-from dem_bridge.accuracy import MOST_ORDER, grid_convergence_index, observed_order, richardson
+from dem_bridge import accuracy
+from dem_bridge.accuracy import MOST_ORDER, checked_accuracy, grid_convergence_index, observed_order, richardson
 from dem_bridge.errors import NotAsymptotic, UsageError
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import log_uniform
@@ -85,6 +86,29 @@ def test_a_fit_tells_its_sign_its_steps_its_floor_and_where_it_turned() -> None:
     assert observed_order([2.0, 1.0], [1.0, 1.0]).sign == 0
 
 
+def test_of_two_steps_with_one_error_the_finer_is_the_best() -> None:
+    # not a turning point: nothing grew
+    assert math.isnan(observed_order([4.0, 2.0, 1.0], [2.0, 1.0, 1.0]).turning_step)
+    assert observed_order([4.0, 2.0, 1.0], [2.0, 1.0, 1.5]).turning_step == 2.0
+
+
+@pytest.mark.parametrize("step", [0.0, -1.0, math.inf, math.nan])
+def test_steps_are_finite_and_positive(step: float) -> None:
+    with pytest.raises(UsageError, match="3 steps and 3 errors; allowed: as many finite steps > 0"):
+        observed_order([4.0, 2.0, step], [3.0, 2.0, 1.0])
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, -1e-6, 2.0, math.nan, math.inf, True, "1e-6", None])
+def test_an_accuracy_is_a_number_between_0_and_1_and_neither_of_them(value: object) -> None:
+    with pytest.raises(UsageError, match="allowed: a number between 0 and 1, such as 1e-6"):
+        checked_accuracy(value)
+
+
+def test_accuracies_next_to_0_and_1_are_allowed() -> None:
+    least, most = 5e-324, math.nextafter(1.0, 0.0)
+    assert (checked_accuracy(least), checked_accuracy(most)) == (least, most)
+
+
 # Richardson
 
 steps_of_three = st.tuples(st.floats(1.2, 4.0), st.floats(1.2, 4.0), log_uniform(1e-8, 1.0)).map(
@@ -134,6 +158,55 @@ def test_differences_below_the_floor_are_round_off() -> None:
         richardson(dt, values, order=2, floor=1e-11)
 
 
+def _of_order(order: float) -> list[float]:
+    """Values 1 + dt^order at the steps 4, 2 and 1."""
+    return [1.0 + 4.0**order, 1.0 + 2.0**order, 2.0]
+
+
+@pytest.mark.parametrize("order", [1.89, 2.11])
+def test_an_order_more_than_a_tenth_from_the_formal_one_is_refused(order: float) -> None:
+    with pytest.raises(NotAsymptotic, match=rf"observed order {order}0 .* allowed: 2 \+- 0\.1;"):
+        richardson([4.0, 2.0, 1.0], _of_order(order), order=2)
+
+
+@pytest.mark.parametrize("order", [1.91, 2.09])
+def test_an_order_less_than_a_tenth_from_the_formal_one_is_clean(order: float) -> None:
+    found = richardson([4.0, 2.0, 1.0], _of_order(order), order=2)
+    assert found.order == pytest.approx(order, abs=ROUND_OFF)
+    # from the finer pair f1 + (f1 - f2)/3, from the coarser f2 + (f2 - f3)/3
+    f3, f2, f1 = _of_order(order)
+    assert found.value[0] == pytest.approx(f1 + (f1 - f2) / 3.0, rel=ROUND_OFF)
+    assert found.uncertainty == pytest.approx(abs(f1 + (f1 - f2) / 3.0 - f2 - (f2 - f3) / 3.0), rel=1e-10)
+
+
+def test_the_window_of_the_order_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    distance = abs(richardson([4.0, 2.0, 1.0], _of_order(2.05), order=2).order - 2.0)
+    monkeypatch.setattr(accuracy, "ORDER_WINDOW", distance)
+    assert richardson([4.0, 2.0, 1.0], _of_order(2.05), order=2).order > 2.0
+    monkeypatch.setattr(accuracy, "ORDER_WINDOW", math.nextafter(distance, 0.0))
+    with pytest.raises(NotAsymptotic, match=r"observed order 2\.050"):
+        richardson([4.0, 2.0, 1.0], _of_order(2.05), order=2)
+
+
+def test_a_difference_of_the_size_of_the_floor_is_round_off() -> None:
+    dt, values = [4.0, 2.0, 1.0], [17.0, 5.0, 2.0]
+    with pytest.raises(NotAsymptotic, match=r"differ by 3 at dt = 1 .. 4 s; allowed: more than the floor, 3$"):
+        richardson(dt, values, order=2, floor=3.0)
+    assert richardson(dt, values, order=2, floor=math.nextafter(3.0, 0.0)).value == (pytest.approx(1.0, rel=4e-16),)
+
+
+def test_elements_that_change_in_turn_do_not_oscillate() -> None:
+    # (3, 0) and (0, 12): their product is 0, and each element alone follows no order
+    with pytest.raises(NotAsymptotic, match=r"finer and the coarser pair differ by 4 "):
+        richardson([4.0, 2.0, 1.0], [[12.0, 3.0], [0.0, 3.0], [0.0, 0.0]], order=2)
+
+
+@pytest.mark.parametrize("order", [0.0, -1.0, math.inf, math.nan])
+def test_a_formal_order_is_finite_and_positive(order: float) -> None:
+    with pytest.raises(UsageError, match=r"^order = .*; allowed: the method's formal order, a number > 0$"):
+        richardson([4.0, 2.0, 1.0], [17.0, 5.0, 2.0], order=order)
+
+
 def test_what_is_nan_everywhere_stays_nan() -> None:
     found = richardson([4.0, 2.0, 1.0], [[math.nan, 17.0], [math.nan, 5.0], [math.nan, 2.0]], order=2)
     assert math.isnan(found.value[0])
@@ -148,6 +221,9 @@ def test_what_is_nan_everywhere_stays_nan() -> None:
         ([1.0, 2.0], [1.0, 2.0], "2 resolutions with 2 results; allowed: three"),
         ([1.0, 1.0, 2.0], [1.0, 2.0, 3.0], "allowed: distinct numbers > 0"),
         ([1.0, -2.0, 4.0], [1.0, 2.0, 3.0], "allowed: distinct numbers > 0"),
+        ([1.0, 0.0, 4.0], [1.0, 2.0, 3.0], "allowed: distinct numbers > 0"),
+        ([1.0, 2.0, math.inf], [1.0, 2.0, 3.0], "allowed: distinct numbers > 0"),
+        ([1.0, 2.0], [1.0, 2.0, 3.0], "2 resolutions with 3 results; allowed: three"),
         ([1.0, 2.0, 4.0], [[1.0], [1.0, 2.0], [1.0]], "allowed: the same number in every resolution"),
     ],
 )
@@ -283,6 +359,45 @@ def test_a_bar_that_cannot_be_had_is_inf_and_never_small(values: list[float], sa
     assert not found.asymptotic
 
 
+def test_values_without_any_change_of_their_differences_diverge() -> None:
+    found = grid_convergence_index([1.0, 2.0, 4.0], [0.0, 1.0, 2.0])  # order 0 exactly
+    assert (found.order, found.fine) == (pytest.approx(0.0, abs=1e-50), math.inf)
+    assert "diverge under refinement (observed order 0.000)" in found.reason
+
+
+@pytest.mark.parametrize(("order", "chance"), [(7.9, False), (8.1, True)])
+def test_an_order_above_eight_is_by_chance(order: float, chance: bool) -> None:
+    found = grid_convergence_index([1.0, 2.0, 4.0], _of_order(order)[::-1])
+    assert found.order == pytest.approx(order, abs=1e-9)
+    assert ("agree by chance" in found.reason) is chance
+
+
+def test_the_largest_order_itself_is_none_by_chance(monkeypatch: pytest.MonkeyPatch) -> None:
+    order = grid_convergence_index(*NASA).order
+    monkeypatch.setattr(accuracy, "MOST_ORDER", order)
+    assert grid_convergence_index(*NASA).reason == ""
+    monkeypatch.setattr(accuracy, "MOST_ORDER", math.nextafter(order, 0.0))
+    assert "agree by chance" in grid_convergence_index(*NASA).reason
+
+
+def test_both_windows_of_the_asymptotic_range_are_closed() -> None:
+    found = grid_convergence_index(*NASA)
+    of_order, of_ratio = 2.0 - found.order, found.asymptotic_ratio - 1.0
+    for formal, distance in ((2.0, of_order), (None, of_ratio)):
+        for window, inside in ((distance, True), (math.nextafter(distance, 0.0), False)):
+            assert grid_convergence_index(*NASA, formal_order=formal, window=window).asymptotic is inside
+
+
+def test_a_safety_of_one_is_the_least() -> None:
+    found = grid_convergence_index(*NASA, safety=1.0)
+    assert found.uncertainty == pytest.approx(grid_convergence_index(*NASA).uncertainty / 1.25, rel=1e-14)
+
+
+def test_the_order_of_values_that_nearly_agree_is_at_most_64() -> None:
+    values = [1.0, 1.0 + 2.0**-52, 1e300]
+    assert grid_convergence_index([1.0, 2.0, 4.0], values, formal_order=2.0).order == 64.0
+
+
 def test_two_values_that_agree_by_chance_have_a_bar_where_the_formal_order_is_known() -> None:
     found = grid_convergence_index([1.0, 2.0, 4.0], [1.0, 1.0 + 1e-9, 2.0], formal_order=2.0)
     assert found.order > MOST_ORDER
@@ -295,6 +410,10 @@ def test_a_value_of_zero_has_an_absolute_bar_only() -> None:
     found = grid_convergence_index([1.0, 2.0, 4.0], [0.0, 3.0, 15.0])
     assert (found.fine, found.uncertainty) == (math.inf, pytest.approx(1.25, rel=1e-12))
     assert not found.asymptotic
+    middle = grid_convergence_index([1.0, 2.0, 4.0], [-3.0, 0.0, 12.0])
+    assert (middle.coarse, middle.fine) == (math.inf, pytest.approx(1.25 / 3.0, rel=1e-12))
+    assert math.isnan(middle.asymptotic_ratio)
+    assert not middle.asymptotic
 
 
 @pytest.mark.parametrize(

@@ -96,8 +96,8 @@ def measured_bands(
     """Return the bands between two frequencies (Hz; None: all that the record resolves) from all samples of a run.
 
     Samples must be closer than a third of the shortest period, and the record longer than 20 periods of ``lowest``.
-    Raises UnsupportedScene as :func:`unit_cell` does, UsageError where nothing moves or nothing is left between the two
-    frequencies.
+    Raises UnsupportedScene as :func:`unit_cell` does, UsageError where nothing moves or fewer than :data:`ALONE`
+    frequencies are left between the two.
     """
     from scipy.signal import get_window, medfilt
 
@@ -115,6 +115,11 @@ def measured_bands(
     frequency: Floats = np.fft.rfftfreq(len(trajectory.time), h).astype(np.float64)
     inside = (frequency >= lowest) & (frequency <= highest)
     frequency = frequency[inside]
+    if len(frequency) < ALONE:
+        raise UsageError(
+            f"{len(frequency)} frequencies from {lowest:g} to {highest:g} Hz; allowed: {ALONE} or more;"
+            " take a longer run"
+        )
     spectra = np.fft.rfft(trajectory.velocity * window[:, None], axis=0)[inside]
     middle = np.arange(first + p, scene.n_body - p)
     own_values, around = spectra[:, middle], spectra[:, middle - p] + spectra[:, middle + p]
@@ -136,6 +141,6 @@ def _crossings(frequency: Floats, trace: Floats) -> tuple[float, ...]:
     results = []
     for level in (2.0, -2.0):
         off = trace - level
-        at = np.flatnonzero(off[:-1] * off[1:] < 0.0)
+        at = np.flatnonzero((off[:-1] < 0.0) != (off[1:] < 0.0))
         results += (frequency[at] - off[at] * (frequency[at + 1] - frequency[at]) / (off[at + 1] - off[at])).tolist()
     return tuple(sorted(results))

@@ -178,7 +178,6 @@ def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVeloci
         which = handed[still]
         peak[which], when[which] = at_end[still], until[which]
         sampling[which] = (np.abs(slope) * arrival_uncertainty(scene, trajectory)[1:][handed])[still]
-        bend[which] = 0.0
         late_peak[which] = True
     if not np.any(np.isnan(a)):
         sampling += _difference_of_fewer(trajectory, v, a, when)

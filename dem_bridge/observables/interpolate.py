@@ -136,8 +136,8 @@ def integrals(
     uncertainty is the difference from the cubic through two samples, added up: where forces bend, more samples do not
     help, and polynomials through four and six have the same error.
     """
-    time, jumps = trajectory.time, np.asarray(breaks, dtype=np.float64)
-    edges = np.union1d(time, jumps[(jumps > time[0]) & (jumps < time[-1])])
+    time = trajectory.time
+    edges = np.union1d(time, np.clip(np.asarray(breaks, dtype=np.float64), time[0], time[-1]))
     place, weight = np.polynomial.legendre.leggauss(NODES)
     half = 0.5 * np.diff(edges)
     when = (edges[:-1] + half)[:, None] + half[:, None] * place

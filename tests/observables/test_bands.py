@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import dem_bridge as db
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.observables.bands import measured_bands, unit_cell
+from dem_bridge.observables.bands import Bands, _crossings, measured_bands, unit_cell
 from dem_bridge.physics.dispersion import dispersion
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Cost, Trajectory
@@ -130,6 +130,81 @@ def test_a_strikers_own_contact_is_no_part_of_the_cell() -> None:
 def test_chains_without_bands_are_refused(scene: Scene, words: str) -> None:
     with pytest.raises(UnsupportedScene, match=words):
         unit_cell(scene)
+
+
+def test_the_phase_is_the_arc_cosine_of_half_the_trace_and_nan_outside_of_the_band() -> None:
+    trace = np.array([-2.5, -2.0, -1.0, 0.0, 1.0, 2.0, 2.5])
+    bands = Bands(frequency=trace, trace=trace, transmission=trace, edges=(), resolution=1.0)
+    expected = np.pi * np.array([np.nan, 1.0, 2.0 / 3.0, 0.5, 1.0 / 3.0, 0.0, np.nan])
+    np.testing.assert_allclose(bands.phase, expected, rtol=4e-16, atol=4e-16)
+
+
+@pytest.mark.parametrize(
+    ("trace", "edges"),
+    [
+        ([1.0, 3.0, 1.0, -1.0, -5.0], (10.5, 11.5, 13.25)),
+        ([-3.0, -1.0, 3.0], (10.5, 11.75)),
+        ([3.0, 5.0, 2.5], ()),
+        # one sample is on the edge: it is passed once
+        ([1.0, 2.0, 3.0], (11.0,)),
+        ([-3.0, -2.0, -1.0], (11.0,)),
+    ],
+)
+def test_edges_are_where_straight_lines_between_frequencies_pass_2_or_minus_2(
+    trace: list[float], edges: tuple[float, ...]
+) -> None:
+    assert _crossings(np.arange(10.0, 10.0 + len(trace)), np.array(trace)) == pytest.approx(edges, rel=1e-15)
+
+
+@pytest.mark.parametrize(("striker", "masses"), [(False, (LIGHT,)), (True, (LIGHT, HEAVY))])
+def test_motions_of_one_phase_per_body_have_its_trace_at_every_frequency(
+    striker: bool, masses: tuple[float, ...]
+) -> None:
+    scene, random, phase, h = chain(masses, cells=8), np.random.default_rng(2), 0.7, 2.0**-10
+    if striker:
+        scene = replace(scene, mass=(0.5, *scene.mass), stiffness=(1e9, *scene.stiffness),
+                        velocity=(0.0, *scene.velocity), exponent=2.5, gap=0.0)  # fmt: skip
+    place = np.cos(phase * np.arange(scene.n_body) + 0.3)
+    velocity = random.standard_normal((1024, 1)) * place
+    velocity[:, 0] *= 10.0
+    if not striker:
+        velocity[:, 0] = velocity[:, -1] / place[-1] * place[0]
+    run = trajectory(replace(scene, duration=1023 * h), h * np.arange(1024.0), velocity)
+    found = measured_bands(scene, run)
+    # from 20 periods in the record to three samples a period, both included
+    assert found.frequency.tolist() == list(range(20, 342))
+    # V[j-p] + V[j+p] = 2 cos(p phase) V[j]
+    assert found.trace == pytest.approx(2.0 * math.cos(len(masses) * phase), rel=1e-12)
+    own = 10.0 if striker else 1.0
+    assert found.transmission == pytest.approx(abs(place[-1] / place[0]) / own, rel=1e-12)
+    assert found.edges == ()
+    assert found.resolution == 1.0
+    low, high = 30.0, 34.0
+    assert measured_bands(scene, run, lowest=low, highest=high).frequency[[0, -1]].tolist() == [low, high]
+    with pytest.raises(UsageError, match=r"^4 frequencies from 30 to 33 Hz; allowed: 5 or more; take a longer run$"):
+        measured_bands(scene, run, lowest=low, highest=33.0)
+    assert len(measured_bands(scene, run, lowest=0.0).frequency) == len(found.frequency)
+    assert len(measured_bands(scene, run, highest=1.0 / (3.0 * h)).frequency) == len(found.frequency)
+    for lowest, highest in ((low, low), (None, math.nextafter(1.0 / (3.0 * h), math.inf))):
+        with pytest.raises(UsageError, match="three samples a period"):
+            measured_bands(scene, run, lowest=lowest, highest=highest)
+
+
+@pytest.mark.parametrize(("off", "repeats"), [(0.9e-9, True), (1.1e-9, False), (-0.9e-9, True), (-1.1e-9, False)])
+def test_masses_are_alike_within_a_billionth(off: float, repeats: bool) -> None:
+    scene = chain((LIGHT,))
+    scene = replace(scene, mass=(*scene.mass[:5], LIGHT * (1.0 + off), *scene.mass[6:]))
+    if repeats:
+        assert unit_cell(scene)[1].bodies == 1
+    else:
+        with pytest.raises(UnsupportedScene, match="no unit cell that repeats 4 times"):
+            unit_cell(scene)
+
+
+def test_four_cells_are_the_fewest() -> None:
+    assert unit_cell(chain((LIGHT, HEAVY), cells=4))[1].bodies == 2
+    with pytest.raises(UnsupportedScene, match="no unit cell that repeats 4 times"):
+        unit_cell(chain((LIGHT, HEAVY), cells=3))
 
 
 def test_records_that_resolve_nothing_are_refused() -> None:

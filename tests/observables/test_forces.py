@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from dem_bridge.observables.forces import contact_force_uncertainty, first_peak_force
 from dem_bridge.observables.interpolate import contact_motion
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.trajectory import UNKNOWN
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight, uncertain
@@ -43,6 +44,24 @@ def test_forces_may_be_off_by_twice_the_uncertainty_of_positions_and_of_velociti
     assert np.all(np.isinf(contact_force_uncertainty(None, run)))
     unknown = replace(run, uncertainty=UNKNOWN)
     assert np.all(np.isinf(contact_force_uncertainty(SPRINGS, unknown)))
+
+
+@pytest.mark.parametrize(
+    ("overlap", "jumps"),
+    [(-0.75, False), (-0.5, True), (0.0, True), (0.5, True), (math.nextafter(0.5, 1.0), False), (0.75, False)],
+)
+def test_adhesion_may_have_begun_or_not_within_twice_the_uncertainty_of_positions(overlap: float, jumps: bool) -> None:
+    scene = Scene(
+        name="sticky", duration=1.0, mass=(1.0, 1.0), stiffness=(10.0,), velocity=(1.0, 0.0),
+        adhesion=Adhesion(law="dmt", pull_off=3.0),
+    )  # fmt: skip
+    x = np.array([[overlap, 0.0]])
+    run = free_flight(bodies=2, contacts=1, samples=0, displacement=x, velocity=0.0 * x,
+                      uncertainty=uncertain(displacement=0.25))  # fmt: skip
+    # overlaps may be larger by 0.5 m; the part of the pull-off is on top
+    elastic = 10.0 * (max(overlap + 0.5, 0.0) ** 1.5 - max(overlap, 0.0) ** 1.5)
+    held = 3.0 * ((overlap + 0.5 > 0.0) != (overlap > 0.0))
+    assert contact_force_uncertainty(scene, run)[0, 0] == pytest.approx(abs(elastic - held) + 3.0 * jumps, rel=1e-12)
 
 
 def test_a_second_wave_does_not_change_the_first_peak(solved: Solve) -> None:

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import KroghInterpolator
 
 import dem_bridge as db
 from dem_bridge.ensembles.draw import Variation
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import speed_power_law
 from dem_bridge.observables.front import (
+    _difference_of_fewer,
     arrival,
     arrival_uncertainty,
     front_speed,
@@ -28,6 +30,7 @@ from dem_bridge.observables.front import (
 )
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene import Scene, Wall
+from dem_bridge.trajectory import Trajectory
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight, uncertain
 from tests.helpers.quadruple_truth import Truth
@@ -195,6 +198,92 @@ def test_a_velocity_that_is_gained_after_the_crossing_does_not_count() -> None:
     assert peak.time[14] == coarse.crossing_time[14]
     # counted, the later maximum is larger by 1.5e-4
     assert peak.velocity[14] == pytest.approx(peak_velocity_of_front(one, fine).velocity[14], rel=1e-9)
+
+
+#: m/s^2: how fast the acceleration of the body below falls, per s
+BEND = 3.0
+
+
+def _bent(top: float, *, handed: float = 0.9, fastest: float = 2.0) -> Trajectory:
+    """Body 1 of three has the velocity ``fastest - BEND (t - top)^2 / 2`` and hands the impulse on at a time."""
+    time = np.linspace(0.0, 1.0, 21)
+    velocity = np.stack([0.5 + 0.0 * time, fastest - 0.5 * BEND * (time - top) ** 2, 0.1 + 0.0 * time], axis=1)
+    behind = 10.0 + 0.0 * time
+    force = np.stack([behind - BEND * (time - top), behind], axis=1)  # bodies of 1 kg
+    return free_flight(
+        samples=20, velocity=velocity, contact_force=force, crossing_time=[0.05, handed],
+        uncertainty=uncertain(velocity=0.01, crossing_time=[1e-3, 2e-3]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("top", [0.42, 0.44, 0.46, 0.48])
+def test_a_maximum_is_uncertain_by_the_time_in_which_a_parabola_falls_by_twice_the_uncertainty(top: float) -> None:
+    peak = peak_velocity_of_front(THREE, _bent(top))
+    assert (peak.velocity[1], peak.time[1]) == pytest.approx((2.0, top), rel=1e-12)
+    assert peak.sampling[1] == pytest.approx(0.0, abs=1e-13)
+    # v - BEND t^2 / 2 falls by 2 * 0.01 m/s
+    assert peak.time_uncertainty[1] == pytest.approx(math.sqrt(4.0 * 0.01 / BEND), rel=1e-9)
+    # bodies 0 and 2 have no maximum
+    assert np.isinf(peak.time_uncertainty[[0, 2]]).all()
+
+
+def test_a_body_that_is_still_accelerated_when_it_hands_on_is_fastest_then() -> None:
+    peak = peak_velocity_of_front(THREE, _bent(0.8, handed=0.33))
+    assert (peak.velocity[1], peak.time[1]) == pytest.approx((2.0 - 0.5 * BEND * 0.47**2, 0.33), rel=1e-12)
+    # it gains 3 * 0.47 m/s^2 times the uncertainty of the crossing
+    assert peak.sampling[1] == pytest.approx(BEND * 0.47 * 2e-3, rel=1e-9)
+    assert peak.time_uncertainty[1] == 2e-3
+
+
+def test_a_maximum_at_the_crossing_itself_is_a_maximum() -> None:
+    at = float(peak_velocity_of_front(THREE, _bent(0.43)).time[1])
+    peak = peak_velocity_of_front(THREE, _bent(0.43, handed=at))
+    assert peak.time[1] == at
+    assert peak.time_uncertainty[1] == pytest.approx(math.sqrt(4.0 * 0.01 / BEND), rel=1e-9)
+
+
+def test_a_body_that_never_moves_forward_has_no_peak() -> None:
+    for run in (_bent(0.43, fastest=-1e-3), free_flight(velocity=np.ones((5, 3)) * [1.0, 0.0, 2.0])):
+        peak = peak_velocity_of_front(THREE, run)
+        assert np.isnan(peak.velocity).tolist() == np.isnan(peak.time).tolist() == [False, True, False]
+
+
+def _differences(v: np.ndarray, a: np.ndarray, when: float) -> tuple[np.ndarray, np.ndarray]:
+    """Second writing, by divided differences: differences of six from four samples, and of four from two."""
+    h = 1.0 / (len(v) - 1)
+    around = np.clip(when + np.linspace(-h, h, 9), 0.0, 1.0)
+    values = []
+    for nodes in (6, 4, 2):
+        of_nodes = []
+        for t in around:
+            first = int(np.clip(math.floor(t / h) - nodes // 2 + 1, 0, len(v) - nodes))
+            rows = np.repeat(np.arange(first, first + nodes), 2)
+            given = np.where(np.arange(2 * nodes) % 2, a[rows], v[rows])
+            of_nodes.append(float(KroghInterpolator(rows * h, given)(t)))
+        values.append(np.array(of_nodes))
+    six, four, two = values
+    return six - four, four - two
+
+
+@pytest.mark.parametrize("when", [0.02, 0.47, 0.99])
+@pytest.mark.parametrize("ratio", [0.028, 0.032, 1.0])
+def test_polynomials_that_do_not_converge_count_with_both_differences_twice(when: float, ratio: float) -> None:
+    time, rng = np.linspace(0.0, 1.0, 17), np.random.default_rng(4)
+    rough_v, rough_a = rng.standard_normal(17), 16.0 * rng.standard_normal(17)
+    smooth_v, smooth_a = time**4, 4.0 * time**3  # four samples have it, two do not
+    (six_less_four, rough), (_, smooth) = _differences(rough_v, rough_a, when), _differences(smooth_v, smooth_a, when)
+    fine = float(np.max(np.abs(six_less_four)))
+    low, high = 1e-9, 1e9
+    for _ in range(100):  # so much of the smooth one that fine / coarse is the ratio
+        share = math.sqrt(low * high)
+        coarse = float(np.max(np.abs(rough + share * smooth)))
+        low, high = (share, high) if fine > ratio * coarse else (low, share)
+    run = free_flight(bodies=1, contacts=0, samples=16)
+    found = _difference_of_fewer(
+        run, (rough_v + share * smooth_v)[:, None], (rough_a + share * smooth_a)[:, None], np.array([when])
+    )
+    expected = fine if ratio < 0.03 else 2.0 * (fine + coarse)
+    assert found[0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_body_that_the_pulse_never_reaches_has_no_peak() -> None:

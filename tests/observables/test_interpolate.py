@@ -18,6 +18,7 @@ from dem_bridge.observables.interpolate import (
     KNOWN_FORCES,
     acceleration,
     hermite,
+    integrals,
     require_forces,
     require_known_forces,
     root_between,
@@ -137,6 +138,32 @@ def test_walls_are_bodies_at_rest_in_the_state() -> None:
     run = free_flight(contacts=4, samples=10)  # displacements t, 2 t, 3 t
     overlap, _ = state_at(scene, run, np.array([0.55]))
     assert overlap[0] == pytest.approx([0.0, 0.0, 1.0 - 0.55, 3 * 0.55 - 1.0], abs=100 * EPS)
+
+
+def test_integrals_are_those_of_rates_that_jump_at_breaks() -> None:
+    run = free_flight(samples=4)
+
+    def rate(when: np.ndarray, nodes: int) -> np.ndarray:
+        # a jump at 0.3, a power that Gauss' rule has, and an error of two samples that integrates to 0.1 t
+        return np.hstack([np.where(when > 0.3, 2.0, 1.0), 12.0 * when**11 + 0.1 * (nodes == 2)])
+
+    done, uncertainty = integrals(run, rate, breaks=(-5.0, 0.0, 0.3, 1.0, 7.0))
+    t = run.time
+    assert done[:, 0] == pytest.approx(t + np.maximum(t - 0.3, 0.0), rel=1e-13)
+    assert done[:, 1] == pytest.approx(t**12, rel=1e-12, abs=1e-16)
+    assert uncertainty == pytest.approx([0.0, 0.1], rel=1e-12)
+    # without the break the jump is within an interval
+    assert abs(integrals(run, rate)[0][-1, 0] - 1.7) > 1e-3
+
+
+@pytest.mark.parametrize(("off", "even"), [(0.9e-9, True), (1.1e-9, False), (-0.9e-9, True), (-1.1e-9, False)])
+def test_samples_are_even_within_a_billionth(off: float, even: bool) -> None:
+    run = replace(free_flight(), time=np.array([0.0, 1.0, 2.0, 3.0, 4.0 + off]))
+    if even:
+        assert spacing(run) == 1.0
+    else:
+        with pytest.raises(UsageError, match="not evenly spaced"):
+            spacing(run)
 
 
 @pytest.mark.parametrize("power", [1, 5], ids=["straight", "flat at the root"])

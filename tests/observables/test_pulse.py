@@ -14,6 +14,8 @@ import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.observables.pulse import (
+    _place,
+    _rear,
     front_window,
     leading_pulse,
     pulse_shapes,
@@ -113,6 +115,64 @@ def test_the_contact_with_the_least_force_is_behind_the_pulse() -> None:
     assert (pulse.momentum_share[2], behind.backward_momentum[2]) == pytest.approx((4.0 / 3.0, -3.0), rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("force", "rear"),
+    [
+        ([9.0], 0),
+        ([0.0, 1.0, 2.0, 3.0], 1),
+        ([5.0, 0.0, 1.0, 9.0], 2),
+        ([2.0, 1.0, 3.0, 4.0], 2),
+        ([3.0, 2.0, 1.0, 4.0], 3),
+        # it does not rise behind these
+        ([1.0, 2.0, 3.0], 0),
+        ([1.0, 1.0, 3.0], 0),
+        ([0.0, 1.0], 1),
+        ([1.0, 0.0, 5.0], 2),
+    ],
+)
+def test_a_pulse_begins_behind_the_first_least_force(force: list[float], rear: int) -> None:
+    assert _rear(np.array(force), len(force) - 1) == rear
+
+
+def test_the_place_of_an_edge_is_on_a_spline_through_four_contacts_or_more() -> None:
+    nan = math.nan
+    when = np.array([1.0, 1.5, 2.0, 5.0, 5.5, 6.5, 8.0, nan])
+    # contacts 1 to 4 are passed one after the other, and 5 to 7 anew: three are too few
+    found = _place(np.array([nan, 1.0, 2.0, 3.0, 5.0, 4.0, 4.5, 5.0]), when)
+    assert found[[0, 2, 3]] == pytest.approx([1.0, 2.0, 4.0], rel=1e-14)
+    assert 1.0 < found[1] < 2.0
+    assert np.isnan(found[4:]).all()
+    again = _place(np.array([0.5, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0, 9.0]), when[:7])
+    assert again[[0, 2, 3]] == pytest.approx([1.0, 2.0, 4.0], rel=1e-14)
+    assert 6.0 < again[6] < 7.0
+
+
+def test_a_contact_that_was_never_below_half_its_force_has_no_edge_there() -> None:
+    # n = 2, so that forces are overlaps: all contacts are at half their peak at the sample before it, or at the start
+    time, bodies = np.linspace(0.0, 1.0, 41), 6
+    scene = Scene(name="pressed", duration=1.0, mass=(1.0,) * bodies, stiffness=(1.0,) * (bodies - 1), exponent=2.0,
+                  velocity=(0.0,) * bodies)  # fmt: skip
+    top = 0.2 + 0.15 * np.arange(bodies - 1)
+    overlap = np.maximum(1.0 - ((time[:, None] - top) / 0.3) ** 2, 0.0)
+    closing = np.where(overlap > 0.0, -2.0 * (time[:, None] - top) / 0.09, 0.0)
+
+    def moved(per_contact: np.ndarray) -> np.ndarray:
+        return np.hstack([np.cumsum(per_contact[:, ::-1], axis=1)[:, ::-1], 0.0 * per_contact[:, :1]])
+
+    run = free_flight(bodies=bodies, contacts=bodies - 1, samples=40, displacement=moved(overlap),
+                      velocity=moved(closing), crossing_time=top)  # fmt: skip
+    found = pulse_width_by_force(scene, run)
+    # half of the peak is sqrt(0.045) s before and behind it; that of contact 0 is before the start
+    half = math.sqrt(0.045)
+    assert np.isnan(found.rise).tolist() == [True, False, False, False, False]
+    assert found.rise[1:] == pytest.approx((top - half)[1:], abs=1e-9)
+    assert found.fall[:4] == pytest.approx((top + half)[:4], abs=1e-9)
+    assert np.isnan(found.fall).tolist() == [False, False, False, False, True]
+    # contacts are passed every 0.15 s
+    assert found.by_duration[1:4] == pytest.approx(2.0 * half / 0.15, rel=1e-8)
+    assert np.isnan(found.by_duration[[0, 4]]).all()
+
+
 def _rebound() -> tuple[Scene, float]:
     """Body 0 hits a heavier one and runs back: what runs back is known."""
     scene = Scene(name="rebound", duration=3e-4, mass=(0.01, 0.03, 0.001), stiffness=(4e9, 4e7),
@@ -210,7 +270,15 @@ def test_a_window_of_five_contacts_has_the_energy_of_a_solitary_wave() -> None:
     # five contacts have all of the wave but 1e-6; seven have it to round-off of its superexponential tails
     assert window.energy[INNER] == pytest.approx(wave.energy, rel=2e-6)
     assert front_window(scene, run, reach=4).energy[INNER] == pytest.approx(wave.energy, rel=1e-9)
-    assert np.all(np.isnan(window.energy[[0, 1, -2, -1]]))
+    outside = [True] * 2 + [False] * 35 + [True] * 2
+    assert np.isnan(window.energy).tolist() == np.isnan(window.kinetic).tolist() == outside
+    # of three contacts and four bodies, by hand
+    near = front_window(scene, run, reach=1)
+    bodies, contacts = np.arange(-1.5, 2.0), np.arange(-1.0, 2.0)
+    moving = 0.5 * 0.01 * float(np.sum(wave.velocity(bodies) ** 2))
+    assert near.kinetic[10] == pytest.approx(moving, rel=1e-9)
+    held = 4e9 / 2.5 * float(np.sum(wave.overlap(contacts) ** 2.5))
+    assert near.energy[10] == pytest.approx(moving + held, rel=1e-9)
     # the energy is kinetic to 5/9 on average, and the part at the peak of a contact is the same for all contacts
     assert np.ptp(window.kinetic[INNER]) < 1e-8 * wave.energy
     assert np.all(window.kinetic[INNER] < window.energy[INNER])
@@ -242,6 +310,53 @@ def test_ripples_on_a_pulse_are_no_pulses_of_their_own() -> None:
     body += 0.01 * np.sin(400.0 * time)
     run = free_flight(samples=2000, velocity=np.stack([0 * body, body, 0 * body], axis=1), crossing_time=[0.15, 0.25])
     assert secondary_fronts(scene, run, 1).count == 1
+
+
+def test_further_pulses_are_after_the_handing_on_and_up_to_a_time() -> None:
+    scene = Scene(name="pulses", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0,) * 2, velocity=(0.0,) * 3)
+    body = np.zeros(21)
+    body[[4, 8, 12, 16]] = 1.0, 0.5, 0.05, 0.04  # single samples at 0.2, 0.4, 0.6 and 0.8 s
+    still = 0.0 * body
+    run = free_flight(samples=20, velocity=np.stack([still, body, body], axis=1), crossing_time=[0.15, 0.25],
+                      contact_force=np.full((21, 2), math.nan))  # fmt: skip
+    # a maximum of just the share counts
+    assert secondary_fronts(scene, run, 1, share=0.05).lag == pytest.approx([0.2, 0.4], rel=1e-12)
+    assert secondary_fronts(scene, run, 1, share=math.nextafter(0.05, 1.0)).count == 1
+    assert secondary_fronts(scene, run, 1, share=0.04).count == 3
+    at = float(run.time[8])
+    assert secondary_fronts(scene, run, 1, until=at).count == 1
+    assert secondary_fronts(scene, run, 1, until=math.nextafter(at, 0.0)).count == 0
+    late = replace(run, crossing_time=np.array([0.15, at]))
+    assert secondary_fronts(scene, late, 1).lag == pytest.approx([0.4], rel=1e-12)
+    # the last body has handed nothing on before the end
+    assert secondary_fronts(scene, run, 2).count == 0
+    for number, share, text in (
+        (-1, 0.05, "body -1; allowed: 0 to 2"),
+        (3, 0.05, "body 3; allowed"),
+        (1, 0.0, "share = 0.0"),
+    ):
+        with pytest.raises(UsageError, match=text):
+            secondary_fronts(scene, run, number, share=share)
+
+
+def test_shapes_of_pulses_by_hand() -> None:
+    # parabolas of 1 and 0.25 m/s that last 0.2 and 0.1 s, which polynomials through samples have where they are whole
+    time = np.linspace(0.0, 1.0, 201)
+    scene = Scene(name="pulses", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0,) * 2, velocity=(0.0,) * 3)
+    velocity, slope = np.zeros(201), np.zeros(201)
+    for middle, height, half in ((0.3, 1.0, 0.1), (0.7, 0.25, 0.05), (0.95, 0.5, 0.1)):
+        inside = np.abs(time - middle) <= half
+        velocity += np.where(inside, height * (1.0 - ((time - middle) / half) ** 2), 0.0)
+        slope += np.where(inside, -2.0 * height * (time - middle) / half**2, 0.0)
+    force = np.stack([10.0 + slope, 10.0 + 0.0 * slope], axis=1)
+    run = free_flight(samples=200, velocity=np.stack([velocity] * 3, axis=1), contact_force=force,
+                      crossing_time=[0.2, 0.45])  # fmt: skip
+    shapes = pulse_shapes(scene, run, 1)
+    assert shapes.velocity == pytest.approx([1.0, 0.25, 0.5], rel=1e-9)
+    # a parabola is above half its height for sqrt(1/2) of its length; the last one is cut off
+    assert shapes.duration[:2] == pytest.approx([0.2 * math.sqrt(0.5), 0.1 * math.sqrt(0.5)], abs=2e-7)
+    assert math.isnan(shapes.duration[2])
+    assert pulse_shapes(scene, run, 1, share=0.2).velocity == pytest.approx([1.0, 0.25], rel=1e-9)
 
 
 def test_only_the_decelerating_chain_of_the_paper_has_further_fronts(solved: Solve) -> None:

@@ -150,6 +150,36 @@ def _spectrum(position: np.ndarray, centroid: np.ndarray) -> Spectrum:
                     width=centroid, parseval=0.0)  # fmt: skip
 
 
+def test_ends_have_all_positions_within_their_share_of_the_way() -> None:
+    position, centroid = np.arange(1.0, 12.0), 2.0 ** np.array([0, 1, 5, 0, 0, 0, 0, 0, 7, 3, 4])
+    found = cascade(_spectrum(position, centroid))
+    # a tenth of the way from 1 to 11 is 1, a twentieth a half, a fifth 2
+    assert (found.start, found.end) == (1.5, 10.5)
+    assert (found.early, found.late) == pytest.approx((2.0**0.5, 2.0**3.5), rel=1e-14)
+    assert found.ratio == pytest.approx(2.0**3, rel=1e-14)
+    assert found.spread == pytest.approx((2.0 ** (14 / 3 - 2), 2.0**4), rel=1e-14)
+    assert found.stderr == 0.0  # of two positions nothing is left
+
+
+def test_the_error_of_a_ratio_is_the_scatter_about_lines_through_both_ends() -> None:
+    # three positions at each end, off a line by (1, -2, 1)/100 and (2, -4, 2)/100 in the logarithm
+    position = np.arange(21.0)
+    logarithm = 0.1 * position
+    logarithm[:3] += 0.01 * np.array([1.0, -2.0, 1.0])
+    logarithm[-3:] += 0.02 * np.array([1.0, -2.0, 1.0])
+    found = cascade(_spectrum(position + 1.0, np.exp(logarithm)))
+    assert found.ratio == pytest.approx(math.exp(1.8), rel=1e-12)
+    # sums of squares of 6e-4 and 24e-4, one degree of freedom, means of three
+    assert found.stderr == pytest.approx(math.exp(1.8) * math.sqrt(6e-4 / 3.0 + 24e-4 / 3.0), rel=1e-9)
+
+
+def test_four_positions_are_the_fewest() -> None:
+    position = np.arange(1.0, 5.0)
+    assert cascade(_spectrum(position, position)).slope.slope == pytest.approx(1.0, rel=1e-12)
+    with pytest.raises(UsageError, match="a spectrum at 3 positions"):
+        cascade(_spectrum(position[:3], position[:3]))
+
+
 def test_the_error_of_a_ratio_is_that_of_repeated_noise() -> None:
     rng, position = np.random.default_rng(3), np.arange(0.0, 400.0)
     told = [cascade(_spectrum(position + 1.0, np.exp(0.1 * rng.standard_normal(400)))) for _ in range(200)]
@@ -177,6 +207,39 @@ def test_nothing_cascades_in_a_uniform_chain(solved: Solve) -> None:
     run = solved(scene, "reference", uncertainty=False)
     for spectrum in (frequency_spectrum(scene, run), wavenumber_spectrum(scene, run)):
         assert cascade(spectrum).ratio == pytest.approx(1.0, abs=2e-3)
+
+
+@pytest.mark.parametrize("samples", [7, 8])
+def test_a_density_is_that_of_the_sum_over_samples(samples: int) -> None:
+    # each frequency by its own sum, whether the number of samples is odd or even
+    v = np.random.default_rng(9).standard_normal((samples, BODIES))
+    scene, _ = _even()
+    run = free_flight(bodies=BODIES, contacts=BODIES - 1, samples=samples - 1, duration=float(samples - 1), velocity=v,
+                      crossing_time=np.full(BODIES - 1, float(samples - 1)))  # fmt: skip
+    spectrum = frequency_spectrum(scene, run, first=3, last=5)
+    assert spectrum.position.tolist() == [3.0, 4.0, 5.0]
+    for j, frequency in enumerate(np.arange(samples // 2 + 1) / samples):
+        one = abs(np.sum(v[:, 3:6] * np.exp(-2j * np.pi * frequency * np.arange(samples))[:, None], axis=0)) ** 2
+        both = 1.0 if frequency in (0.0, 0.5) else 2.0
+        assert spectrum.frequency[j] == pytest.approx(frequency, abs=1e-15)
+        assert spectrum.density[j] == pytest.approx(both * one, rel=1e-11, abs=1e-13)
+
+
+def test_bodies_are_two_or_more_between_1_and_the_last() -> None:
+    scene, run = _even()
+    run = replace(run, crossing_time=np.minimum(run.crossing_time, 0.99))
+    assert frequency_spectrum(scene, run, first=1, last=2).position.tolist() == [1.0, 2.0]
+    assert frequency_spectrum(scene, run, first=39, last=40).position.tolist() == [39.0, 40.0]
+    for first, last, text in ((5, 5, "5..5"), (0, 2, "0..2"), (39, 41, "39..41"), (6, 5, "none")):
+        with pytest.raises(UsageError, match=rf"^bodies {text}; allowed: two or more of 1\.\.40,"):
+            frequency_spectrum(scene, run, first=first, last=last)
+
+
+def test_samples_at_the_first_and_the_last_arrival_count() -> None:
+    scene, run = _even(samples=1000)
+    arrival = np.round(run.crossing_time, 3)  # samples are 1 ms apart
+    times = wavenumber_spectrum(scene, replace(run, crossing_time=arrival), first=4, last=10).time
+    assert (times[0], times[-1], len(times)) == (pytest.approx(0.18), pytest.approx(0.30), 121)
 
 
 def test_what_has_no_spectrum_is_refused_with_the_reason() -> None:

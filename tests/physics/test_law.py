@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.physics import contact
-from dem_bridge.physics.law import clustered, law_of, power_law, reach_of
+from dem_bridge.physics.law import ContactLaw, Law, check_law, clustered, completed, law_of, power_law, reach_of, stored
 
 REACH = 1e-5
 
@@ -89,3 +92,113 @@ def test_the_reach_of_an_energy_is_at_most_a_sixteenth_too_long_wherever_one_beg
 def test_the_reach_has_few_digits() -> None:
     reach = reach_of(power_law(1e9, 2.5), 1e-3, near=1e-5)
     assert (math.frexp(reach)[0] * 32.0).is_integer()
+
+
+@pytest.mark.parametrize(
+    ("kinks", "intervals", "places"),
+    [
+        ((), 4, [0.0, 1 / 64, 1 / 8, 27 / 64, 1.0]),
+        ((0.0, 1.0, -0.5, 2.0), 4, [0.0, 1 / 64, 1 / 8, 27 / 64, 1.0]),
+        ((), 1, [0.0, 1 / 8, 1.0]),
+        # on both sides of a kink u^3 / (u^3 + (1 - u)^3), at the end u^3
+        ((0.5,), 9, [0.0, 0.5 / 28, 0.25, 13.5 / 28, 0.5, 0.5 + 1 / 128, 0.5 + 1 / 16, 0.5 + 27 / 128, 1.0]),
+        ((0.5, 0.5), 5, [0.0, 0.25, 0.5, 0.5 + 1 / 16, 1.0]),
+    ],
+)
+def test_places_are_those_of_the_cubes(kinks: tuple[float, ...], intervals: int, places: list[float]) -> None:
+    assert clustered(1.0, kinks, intervals) == pytest.approx(places, rel=1e-15)
+
+
+def test_a_law_is_completed_for_arrays_of_any_shape() -> None:
+    def flat(overlap: np.ndarray) -> np.ndarray:
+        assert overlap.ndim == 1
+        return 2.0 * overlap
+
+    law: Law
+    for law in (flat, ContactLaw(force=flat, energy=lambda overlap: 0.5 * overlap * flat(overlap), kinks=(0.25,))):
+        whole = completed(law, reach=1.0)
+        for overlap in (np.array(0.5), np.array([0.0, 0.5]), np.array([[0.0, 0.25], [0.5, 1.0]])):
+            assert whole.force(overlap).shape == whole.energy(overlap).shape == overlap.shape
+            np.testing.assert_allclose(whole.force(overlap), 2.0 * overlap, rtol=1e-15)
+            np.testing.assert_allclose(whole.energy(overlap), overlap**2, rtol=1e-13)
+    assert whole.kinks == (0.25,)
+    assert [stored(law, x) for x in (-1.0, 0.0)] == [0.0, 0.0]
+    assert stored(law, 0.5) == pytest.approx(0.25, rel=1e-13)
+
+
+def test_without_energy_the_reach_is_the_next_power_of_two() -> None:
+    law = power_law(1e9, 2.5)
+    assert [reach_of(law, 0.0, near=near) for near in (0.25, 0.26, 0.5)] == [0.25, 0.5, 0.5]
+
+
+def _beyond(limit: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda overlap: np.where(overlap <= limit, 2.0 * overlap, np.nan)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.99, 0.999999])
+def test_a_law_that_ends_is_searched_up_to_its_end(share: float) -> None:
+    reach = reach_of(_beyond(0.7), share * 0.49, near=1e-3)
+    assert 0.7 * math.sqrt(share) * (1.0 - 1e-12) <= reach <= 0.7
+
+
+@pytest.mark.parametrize(
+    ("law", "energy", "near", "text"),
+    [
+        # never enough: after 60 doublings of 1 m
+        (lambda d: 0.0 * d, 1e-3, 1.0, "stores 0 J at an overlap of 1.15e+18 m, less than the energy of the scene"),
+        (lambda d: np.minimum(d, 1e-30), 1e-3, 1.0, "stores 1.15e-12 J at an overlap of 1.15e+18 m, less than"),
+        # invalid everywhere: said where the search begins
+        (lambda d: -d, 1e-3, 64.0, "= -0.000244140625 N at overlap 0.000244141 m"),
+        (_beyond(0.7), 0.6, 1e-3, "= nan N at overlap 0.7 m"),
+    ],
+)  # fmt: skip
+def test_a_law_that_never_stores_the_energy_is_refused_with_the_reason(
+    law: Law, energy: float, near: float, text: str
+) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}"):
+        reach_of(law, energy, near=near)
+
+
+def _of_energy(factor: float) -> ContactLaw:
+    return ContactLaw(force=lambda d: 2.0 * d, energy=lambda d: d**2 + factor * d * (1.0 - d))
+
+
+def _falling(by: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda overlap: np.where(overlap == 0.0, 0.0, np.where(overlap <= 0.5, 1.0, 1.0 - by))
+
+
+@pytest.mark.parametrize(
+    ("law", "text"),
+    [
+        (power_law(1e9, 2.5), ""),
+        # the energy is off by a quarter of the factor at most
+        (_of_energy(3.9e-6), ""),
+        (_of_energy(-3.9e-6), ""),
+        (_of_energy(4.1e-6), "has an energy of 0."),
+        (_of_energy(-4.1e-6), "has an energy of 0."),
+        (ContactLaw(force=lambda d: 2.0 * d, energy=lambda d: math.nan * d), "has an energy of nan J at overlap 0 m"),
+        (_falling(0.9e-12), ""),
+        (_falling(1.1e-12), "falls from 1 N at overlap 0.5 m to 1 N at 0.506023 m"),
+        (_falling(0.25), "falls from 1 N at overlap 0.5 m to 0.75 N at 0.506023 m"),
+        (lambda d: 0.0 * d, ""),
+        (lambda d: d + 1.0, "= 1.0 N at overlap 0"),
+        (lambda d: np.where(d > 0.9, math.inf, d), "= inf N at overlap 0.9"),
+        (lambda d: np.where(d > 0.9, -1.0, d), "= -1.0 N at overlap 0.9"),
+        (lambda d: d[:-1], "returns an array of shape"),
+        (lambda d: d / None, "raises TypeError on an array of overlaps: unsupported operand"),
+    ],
+)
+def test_a_law_is_checked_on_all_its_overlaps(law: Any, text: str) -> None:
+    if not text:
+        check_law(law, 1.0)
+        return
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}"):
+        check_law(law, 1.0)
+
+
+@pytest.mark.parametrize("wrong", [{"reach": 0.0}, {"reach": math.inf}, {"kinks": (math.nan,)}])
+def test_a_law_needs_a_finite_reach_and_kinks(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="allowed: a finite number"):
+        law_of(lambda d: d, **({"reach": 1.0} | wrong))
+    with pytest.raises(ValueError, match=r"^force = 1.0; allowed: an array function of the overlap \(m\)$"):
+        law_of(1.0, reach=1.0)  # type: ignore[arg-type]

@@ -146,6 +146,36 @@ def test_the_stack_is_linear_only_while_no_contact_opens() -> None:
         linear_stack(**(STACK | {"stiffness": (1.0, 1.0)}), times=[0.0])  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"masses": ()},
+        {"masses": (0.0, 1.0)},
+        {"masses": (1.0, -1.0)},
+        {"stiffness": (1.0, 0.0, 1.0)},
+        {"overlaps": (0.1, 0.1, -1e-9)},
+        {"overlaps": (0.1, 0.1)},
+        {"stiffness": (1.0,) * 4, "overlaps": (0.1,) * 4},
+        {"masses": (1.0, math.nan)},
+    ],
+)
+def test_each_number_of_a_stack_is_checked(wrong: dict[str, tuple[float, ...]]) -> None:
+    good = {"masses": (1.0, 2.0), "stiffness": (1.0, 1.0, 1.0), "overlaps": (0.1, 0.1, 0.1)}
+    assert linear_stack(**good, times=[0.0]).overlap.tolist() == [[0.1, 0.1, 0.1]]  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"overlaps; allowed: n, n \+ 1 and n \+ 1 of them"):
+        linear_stack(**(good | wrong), times=[0.0])  # type: ignore[arg-type]
+
+
+def test_a_contact_of_a_stack_may_just_touch() -> None:
+    stack = linear_stack(masses=(2.0,), stiffness=(3.0, 5.0), overlaps=(0.5, 0.0), times=[0.0, math.pi / 2.0])
+    # half a period later it is as far beyond the equilibrium at 1.5/8 m
+    assert stack.overlap == pytest.approx(np.array([[0.5, 0.0], [0.125, 0.375]]), abs=1e-12)
+    with pytest.raises(ValueError, match=r"^contact 1 is open at 0.5 s; allowed: times up to its opening$"):
+        linear_stack(
+            masses=(2.0,), stiffness=(3.0, 5.0), overlaps=(0.5, 0.0), velocities=-2.0, times=[0.0, 0.5]
+        )  # fmt: skip
+
+
 def test_numbers_outside_the_drop_are_refused_in_one_line() -> None:
     good = {"mass": 1.0, "stiffness": 1.0, "damping": 0.1, "height": 1.0, "gravity": 1.0}
     for name in good:

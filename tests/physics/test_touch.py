@@ -31,6 +31,32 @@ def test_for_whole_powers_it_is_a_bernoulli_polynomial(start: float) -> None:
         assert hurwitz_zeta(power, start) == pytest.approx(-polynomial / (power + 1), abs=1e-12)
 
 
+#: Riemann's zeta function at -1/2, -3/2 and -5/2 (Abramowitz & Stegun 1964, table 23.3, and its functional equation)
+RIEMANN = {0.5: -0.207886224977354566, 1.5: -0.025485201889833036, 2.5: 0.008516928777850330}
+
+
+@pytest.mark.parametrize("power", RIEMANN)
+def test_for_half_powers_it_is_riemanns(power: float) -> None:
+    # at 1/2 the multiplication theorem; sums of a dozen terms up to 12^3.5 / 3.5
+    expected = [RIEMANN[power], RIEMANN[power], (2.0**-power - 1.0) * RIEMANN[power]]
+    assert hurwitz_zeta(power, [0.0, 1.0, 0.5]) == pytest.approx(expected, abs=8.0 * 2.2e-16 * 12.5 ** (power + 1.0))
+
+
+@pytest.mark.parametrize(("exponent", "zeta"), [(2.0, np.pi**4 / 90), (3.0, np.pi**6 / 945), (2.5, 1.036927755143370)])
+def test_the_mean_square_of_velocity_verlet_is_a_zeta_function(exponent: float, zeta: float) -> None:
+    expected = math.sqrt(2.0 * zeta) * math.gamma(exponent) / (2.0 * math.pi) ** exponent
+    # the series has 200 terms: 200^-3/3 is left for n = 2
+    assert touch_rms(*VERLET, exponent=exponent) == pytest.approx(expected, rel=2.5e-8)
+
+
+@pytest.mark.parametrize(("power", "exponent"), [(0.0, 1.0), (-1.0, 0.5)])
+def test_powers_are_positive(power: float, exponent: float) -> None:
+    with pytest.raises(ValueError, match=r"^power = .*; allowed: a finite number > 0"):
+        hurwitz_zeta(power, 1.0)
+    with pytest.raises(ValueError, match=r"^exponent = .*; allowed: a finite number > 1"):
+        touch_coefficients(*VERLET, exponent=exponent, phase=[0.0])
+
+
 def _sum_error(method: Method, exponent: float, phase: float, step: float) -> float:
     """Error of the method's sum of t^(n-1) exp(-t) from t = 0 at the phase of a step, over step^n."""
     nodes = np.concatenate([[0.0], np.cumsum(method.drifts)])

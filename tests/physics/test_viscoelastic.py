@@ -52,6 +52,28 @@ def test_the_remainder_holds_to_the_last_digits() -> None:
         assert abs(hit.restitution - digits) <= hit.remainder < 4e-15
 
 
+@pytest.mark.parametrize("clip", [False, True])
+@pytest.mark.parametrize("terms", [1, 2, 22, 26])
+def test_any_number_of_terms_up_to_all_gives_their_polynomial_and_bounds_the_rest(terms: int, clip: bool) -> None:
+    table = viscoelastic._CLIPPED if clip else viscoelastic._PULLING
+    # strength 0.5 is a quarter of the range: T_k = cos(k arccos(x)) at x = 2/4 - 1, clipped at 2 sqrt(1/4) - 1
+    x = 0.0 if clip else -0.5
+    root = math.fsum(c * math.cos(k * math.acos(x)) for k, c in enumerate(table[:terms]))
+    hit = impact(0.5, clip, terms=terms)
+    assert hit.restitution == pytest.approx(min(root**-5.0, 1.0), rel=1e-13)
+    rest = math.fsum(map(abs, table[terms:])) + 3.0 * 2.0**-52
+    assert hit.remainder == pytest.approx(5.0 * rest / (root - rest) ** 6, rel=1e-6)
+
+
+def test_the_largest_strength_is_allowed_and_no_larger_one() -> None:
+    assert impact(2.0, False).restitution == pytest.approx(0.0953, abs=5e-5)
+    assert impact(2.0, True).restitution == pytest.approx(0.2116, abs=5e-5)
+    with pytest.raises(ValueError, match=r"allowed: at most 2$"):
+        impact(math.nextafter(2.0, 3.0), True)
+    assert impact(0.0, True).restitution <= 1.0
+    assert impact(1e-300, False).restitution == pytest.approx(1.0, abs=4e-15)
+
+
 def test_the_first_terms_are_those_of_ramirez_et_al() -> None:
     first = 0.8 * 1.25**0.6 * math.gamma(0.6) * math.gamma(1.5) / math.gamma(2.1)  # the quadrature of the first order
     assert (first, 0.6 * first**2) == pytest.approx((1.15344, 0.79826), abs=1e-5)
@@ -88,6 +110,7 @@ def test_a_wrong_coefficient_is_found(clip: bool, monkeypatch: pytest.MonkeyPatc
         ({"viscosity": -1.0}, r"^viscosity = -1.0; allowed: a number >= 0"),
         ({"speed": 0.0}, r"^speed = 0.0; allowed"),
         ({"terms": 0}, r"^terms = 0; allowed: a whole number from 1 to 26$"),
+        ({"terms": 27}, r"^terms = 27; allowed: a whole number from 1 to 26$"),
     ],
 )
 def test_numbers_outside_the_series_are_refused_in_one_line(wrong: dict[str, float], says: str) -> None:

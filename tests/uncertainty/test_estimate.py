@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from dem_bridge import progress
 from dem_bridge.backends import splitting
 from dem_bridge.backends.base import BACKENDS, Resolution, Sampling, backend
-from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
+from dem_bridge.backends.prescan import Prescan
+from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL, ScipyDop853
+from dem_bridge.dense import Schedule
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Damping, Scene
 from dem_bridge.trajectory import QUANTITIES
+from dem_bridge.uncertainty import own_steps, twins
 from dem_bridge.uncertainty.estimate import OWN_STEPS, REPLICAS, TWINS, estimate_uncertainty, looser_cases, solve
+from dem_bridge.uncertainty.own_steps import blanes_moan_family
+from dem_bridge.uncertainty.readings import finer_ratio
 from dem_bridge.uncertainty.twins import twin_family, twin_resolution
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=20)
@@ -71,6 +78,92 @@ def test_a_family_is_made_once_and_the_twins_run_is_one_of_it(solved_twins: list
     assert steps == [(1e-7 / 3, False), (1e-7, False), (1e-7, True), (2e-7, False)]
     for quantity in QUANTITIES:
         np.testing.assert_array_equal(runs["verlet"].uncertainty[quantity], runs["ase"].uncertainty[quantity])
+
+
+def test_families_are_at_their_ratios_of_the_step() -> None:
+    def ratios(scene: Scene, samples: int, dt: float, make: Any = twin_family) -> list[float]:
+        found = make(scene, Resolution(dt=dt), Sampling(count=samples))
+        assert found is not None
+        return sorted(found.others)
+
+    # of 50 steps a sample: 25 and 150; for dashpots the golden ratio, 31 and 131 (1.618 and 0.382 on whole steps)
+    assert ratios(PAIR, 20, 1e-7) == pytest.approx([1 / 3, 2.0], rel=1e-12)
+    assert ratios(DAMPED, 20, 1e-7) == pytest.approx([50 / 131, 50 / 31], rel=1e-12)
+    # one step a sample leaves no coarser one, and two leave no golden ratio
+    assert ratios(PAIR, 1000, 1e-7) == pytest.approx([1 / 3, 1 / 2], rel=1e-12)
+    assert ratios(DAMPED, 1000, 1e-7) == pytest.approx([1 / 3, 1 / 2], rel=1e-12)
+    assert ratios(DAMPED, 500, 1e-7) == pytest.approx([1 / 3, 2.0], rel=1e-12)
+    assert ratios(DAMPED, 333, 1e-4 / 999) == pytest.approx([3 / 8, 3 / 2], rel=1e-12)
+
+
+def _blanes_moan(scene: Scene, resolution: Resolution, sampling: Sampling) -> Any:
+    return blanes_moan_family(Case(scene=scene, backend="blanes-moan", resolution=resolution, sampling=sampling))
+
+
+#: family -> order, part of thinning that counts, factor of the scatter, ratios of the steps, and steps of all runs at
+#: 1000 steps: those at other steps, and in positions, too. The factors are those with which random scenes were covered
+FAMILIES: dict[str, tuple[Any, int, float, float, list[float], int]] = {
+    "twin": (twin_family, 2, 0.5, 0.0, [1 / 3, 2.0], 1000 + 500 + 3000 + 1000),
+    "blanes-moan": (_blanes_moan, 4, 1.0, 6.0, [1 / 3, 1 / 2], 1000 + 2000 + 3000),
+}
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_family_has_its_order_its_factors_and_the_cost_of_all_its_runs(name: str) -> None:
+    make, order, thinning, scatter, ratios, steps = FAMILIES[name]
+    family = make(PAIR, Resolution(dt=1e-7), Sampling(count=20))
+    assert (family.order, family.thinning, family.scatter) == (order, thinning, scatter)
+    assert sorted(family.others) == pytest.approx(ratios, rel=1e-12)
+    assert family.cost.steps == steps
+    runs = [family.main, *family.others.values(), *([] if family.positional is family.main else [family.positional])]
+    assert family.cost.force_evaluations == sum(run.cost.force_evaluations for run in runs)
+
+
+@pytest.mark.parametrize("make", [twin_family, _blanes_moan])
+def test_laws_that_are_functions_are_interpolated_by_half_as_many_cells_too(make: Any) -> None:
+    scene = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=20,
+                  law=lambda overlap: 4e9 * overlap**1.5 * (1.0 + 1e4 * overlap))  # fmt: skip
+    family = make(scene, Resolution(dt=1e-7), Sampling(count=20))
+    assert make(PAIR, Resolution(dt=1e-7), Sampling(count=20)).halved is None
+    assert 0.0 < np.max(np.abs(family.halved.velocity - family.main.velocity)) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("frequency", "steps", "exponent", "ratio"),
+    [
+        # 1/omega of the stiffest contact over the step: two hundredths of it are enough
+        (0.0, 1000, 2.5, 1 / 3),
+        (0.03, 1000, 2.5, 1 / 3),
+        (0.0599, 1000, 2.5, 1 / 3),
+        (0.2, 1000, 2.5, 0.1),
+        (2.0, 1000, 2.5, 0.01),
+        # below n = 2 a tenth of that
+        (0.2, 1000, 1.9, 0.01),
+        (0.2, 1000, 2.0, 0.1),
+        # 1e7 steps times bodies are afforded
+        (2.0, 1_000_000, 2.5, 0.2),
+        (2.0, 10_000_000, 2.5, 1 / 3),
+    ],
+)
+def test_the_finer_run_resolves_every_contact_within_what_is_afforded(
+    frequency: float, steps: int, exponent: float, ratio: float
+) -> None:
+    plan = Schedule(step=1.0, per_sample=steps, subdivisions=1, samples=1)
+    prescan = cast(Prescan, SimpleNamespace(frequency=frequency))
+    scene = replace(PAIR, exponent=exponent)
+    assert finer_ratio(1 / 3, scene, plan, prescan, 0.02) == pytest.approx(ratio, rel=1e-12)
+
+
+@pytest.mark.parametrize(("make", "finest"), [(twin_family, 1 / 3), (_blanes_moan, 1 / 3)])
+def test_a_finer_run_of_more_steps_than_are_counted_has_no_family(
+    make: Any, finest: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (twins, own_steps):
+        monkeypatch.setattr(module, "MOST_STEPS", 999 / finest)
+    assert make(PAIR, Resolution(dt=1e-7), Sampling(count=20)) is None
+    for module in (twins, own_steps):
+        monkeypatch.setattr(module, "MOST_STEPS", 1001 / finest)
+    assert make(PAIR, Resolution(dt=1e-7), Sampling(count=20)) is not None
 
 
 def test_the_positional_run_of_a_family_is_that_of_its_case(solved_twins: list[tuple[float, bool]]) -> None:
@@ -132,6 +225,23 @@ def test_the_reference_takes_looser_runs_where_scipy_answers_and_replicas_elsewh
     assert [other.backend for other in looser_cases(_case("reference", DAMPED))] == ["scipy", "scipy"]
     answered, own = solve(_case("reference", DAMPED)), solve(_case("scipy", DAMPED))
     assert answered.uncertainty["velocity"] == own.uncertainty["velocity"]
+
+
+def test_the_run_and_both_looser_runs_are_a_third_of_the_progress_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    sound = ScipyDop853.run
+
+    def half_way(self: ScipyDop853, *how: Any) -> Any:
+        run = sound(self, *how)
+        progress.report(0.5)
+        return run
+
+    monkeypatch.setattr(ScipyDop853, "run", half_way)
+    seen: list[float] = []
+    with progress.listening(seen.append):
+        solve(_case("scipy", rtol=1e-6))
+    # each run reports a fraction on its way, its end, and the half
+    assert seen[1::3] == pytest.approx([1 / 3, 2 / 3, 1.0], rel=1e-12)
+    assert seen[2::3] == pytest.approx([1 / 6, 3 / 6, 5 / 6], rel=1e-12)
 
 
 def test_the_largest_tolerance_has_an_uncertainty_too() -> None:

@@ -14,7 +14,7 @@ from dem_bridge.backends.steps import Dense
 from dem_bridge.dense import Approaches, Schedule
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.uncertainty.fixed_step import fixed_step_uncertainty
-from dem_bridge.uncertainty.grazes import unresolved_contacts
+from dem_bridge.uncertainty.grazes import _difference_of_turns, unresolved_contacts, widen_for_grazes
 from dem_bridge.uncertainty.twins import twin_family
 from tests.helpers.fake_runs import free_flight
 
@@ -81,8 +81,14 @@ def test_below_n_2_the_first_motions_ahead_of_a_front_are_too_brief_for_any_step
 
 @pytest.mark.parametrize(
     ("overlap", "rate", "gap", "unresolved"),
-    [(1e-3, -1.0, 0.0, True), (1e-3, 1.0, 0.0, False), (1e-19, -1.0, 0.0, False), (1e-3, -1.0, -1e-3, False)],
-    ids=["closed and parting", "still closing", "in flight, in touch", "compressed at the start"],
+    [
+        (1e-3, -1.0, 0.0, True),
+        (1e-3, 1.0, 0.0, False),
+        (1e-19, -1.0, 0.0, False),
+        (1e-3, -1.0, -1e-3, False),
+        (1e-3, 0.0, 1e-3, True),
+    ],
+    ids=["closed and parting", "still closing", "in flight, in touch", "compressed at the start", "at its maximum"],
 )
 def test_a_contact_that_parts_without_a_maximum_of_its_compression_is_unresolved(
     overlap: float, rate: float, gap: float, unresolved: bool
@@ -97,3 +103,60 @@ def test_a_contact_that_parts_without_a_maximum_of_its_compression_is_unresolved
     assert unresolved_contacts(scene, plan, dense, run).tolist() == [unresolved]
     crossed = replace(run, crossing_time=np.array([0.5]))
     assert unresolved_contacts(scene, plan, dense, crossed).tolist() == [False]
+
+
+@pytest.mark.parametrize(
+    ("crossing", "exponent", "slope"),
+    [
+        # (n - 1) beta overlap^(n - 2) at the larger of the overlaps 1e-4 m and 4e-4 m on both sides of the crossing
+        (0.4, 1.5, 50.0), (1.0, 1.5, 50.0), (0.0, 1.5, 50.0), (1.4, 1.5, 25.0), (2.0, 1.5, 25.0), (7.0, 1.5, 25.0),
+        (0.4, 1.75, 7.5), (0.4, 2.0, 0.0), (0.4, 2.5, 0.0),
+    ],
+)  # fmt: skip
+def test_below_n_2_a_crossing_is_resolved_where_its_contact_is_soft_enough_for_the_step(
+    crossing: float, exponent: float, slope: float
+) -> None:
+    beta = 1.0 if exponent < 2.0 else 1e9
+    scene = Scene(
+        name="pair", duration=2.0, mass=(1.0, 2.0), stiffness=(beta,), velocity=(1.0, 0.0), exponent=exponent, samples=2
+    )
+    overlaps, still = np.array([[-1.0], [1e-4], [4e-4]]), np.zeros((3, 3))
+    for factor, unresolved in ((0.999, False), (1.001, True)):
+        # (step omega)^2 = 0.1^2, with 1/1 + 1/2 per kg
+        step = factor * 0.1 / math.sqrt(1.5 * slope) if slope else 1.0
+        plan = Schedule(step=step, per_sample=1, subdivisions=1, samples=2)
+        run = free_flight(bodies=2, contacts=1, crossing_time=[crossing * step])
+        dense = Dense(still, still, still, overlaps, np.zeros((3, 1)))
+        assert unresolved_contacts(scene, plan, dense, run).tolist() == [unresolved and slope > 0.0]
+
+
+def _turns(contact: list[int], time: list[float], overlap: list[float]) -> Approaches:
+    return Approaches(contact=np.array(contact), time=np.array(time), overlap=np.array(overlap),
+                      bend=np.ones(len(contact)))  # fmt: skip
+
+
+def test_a_turn_is_compared_with_the_nearest_in_time_of_its_own_contact() -> None:
+    turns = _turns([0, 1, 0, 2], [0.1, 0.2, 0.5, 0.3], [-1.0, -2.0, -3.0, -4.0])
+    other = _turns([1, 0, 0, 0, 1], [0.9, 0.12, 0.45, 0.9, 0.21], [-9.0, -1.5, -2.5, -9.0, -2.25])
+    np.testing.assert_array_equal(_difference_of_turns(turns, other), [0.5, 0.25, 0.5, math.nan])
+
+
+@pytest.mark.parametrize(
+    ("time", "known"), [(0.0999, False), (0.1, False), (0.1001, True)], ids=["before", "at", "after"]
+)
+def test_a_crossing_is_known_if_it_is_before_the_turn(time: float, known: bool) -> None:
+    scene = Scene(
+        name="three", duration=1.0, mass=(2.0, 4.0, 8.0), stiffness=(100.0, 100.0), exponent=2.0,
+        velocity=(1.0, 2.0, 3.0),
+    )  # fmt: skip
+    turns = _turns([0], [time], [-1e-3])
+    none = {"velocity": 0.0, "displacement": 0.0, "peak_force": 0.0, "crossing_time": 0.0}
+    found = widen_for_grazes(none, scene, free_flight(), turns, {2.0: turns}, safety={2.0: 1.0}, roundoff=1e-3)
+    assert found["crossing_time"].tolist() == [0.0 if known else math.inf, 0.0]
+    # 1 mm deep at 100 N/m; a bend of 1 m/s^2 holds it for sqrt(8e-3) s
+    assert found["peak_force"] == pytest.approx([0.1, 0.0], rel=1e-9)
+    assert found["velocity"] == pytest.approx(0.1 * math.sqrt(8e-3) / 2.0, rel=1e-9)
+    # a slow turn lasts no longer than the run
+    slow = replace(turns, bend=np.array([0.0]))
+    found = widen_for_grazes(none, scene, free_flight(), slow, {2.0: slow}, safety={2.0: 1.0}, roundoff=1e-3)
+    assert found["velocity"] == pytest.approx(0.1 * 1.0 / 2.0, rel=1e-9)

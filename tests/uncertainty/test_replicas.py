@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from dem_bridge.scene import Scene
-from dem_bridge.uncertainty.replicas import LOOSER, ODE45, REFERENCE, looser_rule, replica_uncertainty
+from dem_bridge.uncertainty.replicas import (
+    LOOSER,
+    ODE45,
+    REFERENCE,
+    force_condition,
+    looser_rule,
+    replica_uncertainty,
+    rule_of,
+)
 from tests.helpers.fake_runs import free_flight
 
 #: the steps of a small chain
@@ -80,6 +88,38 @@ def test_a_peak_force_of_ode45_is_no_less_uncertain_than_its_velocities() -> Non
     # 0.2 m/s of 2 m/s
     assert found["peak_force"] == pytest.approx(0.1 * run.peak_force, rel=1e-9)
     assert np.max(replica_uncertainty(run, [replace(run, velocity=run.velocity + 0.1)], REFERENCE)["peak_force"]) < 1e-9
+
+
+@pytest.mark.parametrize(("share", "known"), [(0.0999, True), (0.1001, False)])
+def test_a_crossing_that_is_uncertain_by_a_tenth_of_the_run_is_unknown(share: float, known: bool) -> None:
+    run = free_flight(duration=2.0)
+    other = replace(run, crossing_time=run.crossing_time + np.array([0.0, 2.0 * share / 9.0]))
+    found = replica_uncertainty(run, [other], REFERENCE)["crossing_time"]
+    assert found[1] == (pytest.approx(2.0 * share, rel=1e-9) if known else np.inf)
+    assert np.isfinite(found[0])
+
+
+def test_a_force_is_as_uncertain_as_its_overlap_times_the_power() -> None:
+    scene = Scene(name="four", duration=1e-3, mass=(1.0,) * 4, stiffness=(1e9,) * 3, velocity=(1.0, 0.0, 0.0, 0.0),
+                  exponent=(2.5, 50.0, 1.5))  # fmt: skip
+    assert force_condition(scene).tolist() == [1.5, 49.0, 1.0]
+    assert force_condition(replace(scene, exponent=2.5, law=lambda overlap: 1e6 * overlap)).tolist() == [1.0] * 3
+    run = free_flight(bodies=4, contacts=3, peak_force=np.array([10.0, 30.0, 20.0]))
+    for rule in (
+        looser_rule(scene),
+        rule_of("reference", scene),
+        rule_of("ode45", replace(scene, velocity=(0.0,) * 4)),
+    ):
+        still = replica_uncertainty(
+            replace(run, velocity=0.0 * run.velocity), [replace(run, velocity=0.0 * run.velocity)], rule
+        )
+        assert still["peak_force"] == pytest.approx(16 * 2.0**-52 * 30.0 * np.array([1.5, 49.0, 1.0]), rel=1e-12)
+
+
+def test_in_a_precompressed_chain_forces_are_no_less_uncertain_than_velocities() -> None:
+    pressed = replace(PAIR, gap=0.0, precompression=1e-9)
+    assert [looser_rule(scene).peaks_follow_velocities for scene in (PAIR, pressed)] == [False, True]
+    assert looser_rule(replace(PAIR, gap=(-0.25,))).rounded_length == 0.25
 
 
 def test_scipy_is_compared_with_two_looser_runs() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from itertools import permutations
 
 import pytest
@@ -110,6 +111,13 @@ def test_the_sentence_says_everything_that_decided(value: float, bar: float, out
     assert "\n" not in sentence
 
 
+@pytest.mark.parametrize(("tolerance", "decides"), [(math.nextafter(1.0, 0.0), True), (1.0, False), (2.0, False)])
+def test_a_tolerance_of_all_and_more_decides_nothing_and_says_so(tolerance: float, decides: bool) -> None:
+    verdict = _verdict(_difference(1e-7, 1e-9), tolerance)
+    assert verdict.outcome is (Outcome.PASS if decides else Outcome.UNDECIDED)
+    assert ("because the tolerance is an uncertainty of 100 % or more" in verdict.sentence) is not decides
+
+
 def test_the_bar_that_counts_is_the_references() -> None:
     # the run's own bar of 3e-6 is above the tolerance; what it differs by is known all the same
     assert _verdict(_difference(1e-7, 1e-9)).outcome is Outcome.PASS
@@ -138,6 +146,9 @@ def test_a_verdict_is_plain_json_and_what_is_not_finite_becomes_null() -> None:
         uncertainty=math.inf,
         first_divergence=(1e-3, 5),
     )
+    assert "known_defect" not in verdict.as_json()
+    named = replace(verdict, known_defect="a defect").as_json()
+    assert named == verdict.as_json() | {"known_defect": "a defect"}
     read = json.loads(json.dumps(verdict.as_json(), allow_nan=False))
     assert read["outcome"] == "NOT_RUN"
     assert read["difference"] is read["uncertainty"] is read["tolerance"] is None
