@@ -199,9 +199,9 @@ def restored_times(
         return time, rounding, None
     mean = float(time[-1] - time[0]) / (count - 1)
     first = round(float(time[0]) / mean)
-    for start, slack_of_start, begin in ((0.0, 0.0, first), (float(time[0]), float(rounding[0]), 0)):
-        if begin < 0:
-            continue
+    starts = [(0.0, 0.0, first)] if first >= 0 else []
+    starts += [(float(time[0]), float(rounding[0]), 0)] if time[0] != 0.0 else []  # a run that begins at 0 does so
+    for start, slack_of_start, begin in starts:
         order = np.arange(begin, begin + count, dtype=np.float64)
         counted = order > 0
         slack = rounding[counted] + slack_of_start + 4.0 * np.spacing(time[counted])
@@ -214,7 +214,7 @@ def restored_times(
             left = slack_of_start + slack_of_interval * order + 0.5 * np.spacing(restored)
             after = f" after {start:.9g} s" if start else ""
             said = f"times have few digits and are multiples of {interval:.9g} s{after}; they are restored to these"
-            return restored, np.minimum(left, rounding), said
+            return restored, np.minimum(left, rounding + np.abs(restored - time)), said
     return time, rounding, None
 
 

@@ -201,8 +201,8 @@ def _dump_columns(
 def read_ase(path: Path) -> Frames:
     """Read an ASE trajectory by ASE.
 
-    Velocities are the array ``velo`` or ``velocities``, else momenta divided by masses. Times are ``Time`` or ``time``
-    in the info of each frame, and the unit style is ``units`` there.
+    Velocities are momenta divided by masses. Times are ``Time`` or ``time`` in the info of each frame, and the unit
+    style is ``units`` there.
     """
     from ase.io import iread
 
@@ -214,7 +214,6 @@ def read_ase(path: Path) -> Frames:
         try:
             atoms = next(frames)
             info = atoms.info
-            ids = np.asarray(atoms.arrays.get("id", np.arange(len(atoms))), dtype=np.int64)
             columns = {name: np.asarray(values) for name, values in _ase_columns(atoms)}
             times += [float(info[name]) for name in ("Time", "time") if name in info][:1]
         except StopIteration:
@@ -223,24 +222,16 @@ def read_ase(path: Path) -> Frames:
             reason = " ".join(str(error).split())[:120]
             raise UsageError(f"ASE cannot read {label} ({reason}); write the file again") from error
         units = info.get("units", units)
-        collector.add(ids, columns, label)
+        collector.add(np.arange(len(columns["position"])), columns, label)
     return collector.frames(time=times, step=np.arange(float(collector.count)).tolist(), units=units)
 
 
 def _ase_columns(atoms: Any) -> Iterator[tuple[str, Floats]]:
-    """Yield the name and the values of each column of an ``ase.Atoms``."""
+    """Yield the name and the values of each column of an ``ase.Atoms``; a trajectory keeps no arrays beyond these."""
     yield "position", atoms.positions
-    velocity = next((atoms.arrays[name] for name in ("velo", "velocities") if name in atoms.arrays), None)
-    if velocity is None and atoms.has("momenta"):
-        velocity = atoms.get_velocities()
-    if velocity is not None:
-        yield "velocity", velocity
-    results = {} if atoms.calc is None else atoms.calc.results
-    force = results.get("forces", atoms.arrays.get("forces", atoms.arrays.get("force")))
-    if force is not None:
-        yield "force", force
+    if atoms.has("momenta"):
+        yield "velocity", atoms.get_velocities()
+    if atoms.calc is not None and "forces" in atoms.calc.results:
+        yield "force", atoms.calc.results["forces"]
     if atoms.has("masses"):
         yield "mass", atoms.get_masses()
-    for name in ("radius", "mass", *EXTRA_COLUMNS):
-        if name in atoms.arrays:
-            yield name, atoms.arrays[name]

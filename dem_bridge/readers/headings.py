@@ -58,9 +58,10 @@ def _names() -> Iterator[tuple[str, tuple[str, int | None]]]:
             yield from ((f"{stem}{axis}", (quantity, k)) for k, axis in enumerate("xyz"))
 
 
-_NAMES: Mapping[str, tuple[str, int | None]] = dict(_names())
+#: quantity and axis by the name without separators
+_NAMES: Mapping[str, tuple[str, int | None]] = {name.replace("_", ""): meaning for name, meaning in _names()}
 _OF_NAMES = "|".join(
-    re.escape(name).replace("_", r"[_\s.-]?") for name in sorted(_NAMES, key=lambda name: (-len(name), name))
+    re.escape(name).replace("_", r"[_\s.-]?") for name in sorted(dict(_names()), key=lambda name: (-len(name), name))
 )
 _GAP = r"[\s_.:-]*"
 _BODY = r"(?i:body|bead|particle|atom|grain|sphere|ball|node|mass|contact|p|b)s?"
@@ -127,9 +128,8 @@ def _meaning(text: str) -> Heading | None:
     match = _HEADING.fullmatch(text) if len(text) <= _LONGEST else None
     if match is None:
         return None
-    name = re.sub(r"[_\s.-]", "_", match["name"].lower())
-    quantity, axis = next((_NAMES[key] for key in (name, name.replace("_", "")) if key in _NAMES), ("", None))
-    if not quantity:
+    quantity, axis = _NAMES.get(re.sub(r"[_\s.-]", "", match["name"].lower()), ("", None))
+    if not quantity:  # a letter such as the long s, which counts as an s in the pattern alone
         return None
     index = next((match[key] for key in ("before", "before_", "after", "after_", "last", "last_") if match[key]), None)
     unit = match["bracket"] or match["plain"]

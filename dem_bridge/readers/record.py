@@ -104,9 +104,10 @@ class Draft:
             )
         for quantity, values in self.values.items():
             self._check(quantity, values, scene)
-        steps = np.diff(self.time)
-        if len(wrong := np.flatnonzero(~(steps > 0.0))) or not np.all(np.isfinite(self.time)):
-            row = int(wrong[0]) if len(wrong) else 0
+        if len(wrong := np.flatnonzero(~np.isfinite(self.time))):
+            raise UsageError(f"sample {wrong[0]} is at {self.time[wrong[0]]} s; allowed: finite, increasing times")
+        if len(wrong := np.flatnonzero(np.diff(self.time) <= 0.0)):
+            row = int(wrong[0])
             raise UsageError(
                 f"sample {row + 1} is at {self.time[row + 1]:.9g} s and sample {row} at {self.time[row]:.9g} s;"
                 " allowed: increasing times"
