@@ -1,5 +1,5 @@
 """Run the command line by ``python -m dem_bridge.cli``."""
 
-from dem_bridge.cli.group import command
+from dem_bridge.cli import command
 
 command()

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -41,6 +43,38 @@ def test_a_command_uses_one_thread_for_linear_algebra_unless_the_caller_sets_mor
         )
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
         assert done.stdout == f"{expected} False\n"
+
+
+#: presses Ctrl-C when the first module of the command line is imported
+_EARLY = """
+import os, signal, sys
+class Early:
+    def find_spec(name, *_):
+        if name == "dem_bridge.cli.group":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Early)
+sys.argv = ["dem-bridge", "--version"]
+from dem_bridge.cli import {name}
+{name}()
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "name", "code", "lines"),
+    [
+        (signal.default_int_handler, "command", -signal.SIGINT, 0),
+        (signal.SIG_IGN, "command", 0, 0),
+        (signal.default_int_handler, "main", -signal.SIGINT, 1),  # the fault: Python's handler while modules come
+    ],
+)
+def test_ctrl_c_during_the_imports_ends_without_a_traceback(before: Any, name: str, code: int, lines: int) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", _EARLY.format(name=name)],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, before),
+    )
+    assert (done.returncode, done.stderr.count("Traceback")) == (code, lines)
 
 
 def test_scenes_lists_every_shipped_scene(tmp_path: Path) -> None:
