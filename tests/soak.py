@@ -36,7 +36,8 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import run_cases
 from dem_bridge.runs import inspect
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.store import _MOST_DETERMINED, DAMAGED, SUFFIX, Store
+from dem_bridge.runs.keys import _MOST_DETERMINED
+from dem_bridge.runs.store import DAMAGED, SUFFIX, Store
 from tests.helpers.processes import happens
 from tests.helpers.survival import ROOT, Survival, content
 from tests.helpers.three_bodies import THREE

@@ -8,7 +8,7 @@ from dem_bridge.backends.base import ENGINE_BACKENDS, Backend, Resolution, Sampl
 from dem_bridge.backends.reference import SERIES
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.runs.store import run_key
+from dem_bridge.runs.keys import run_key
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 

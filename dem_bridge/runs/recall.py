@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.tabled import RECALLED, prescan_scene
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.runs.store import Store, study_key
+from dem_bridge.runs.keys import study_key
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 
 Value = TypeVar("Value")

@@ -23,7 +23,7 @@ LANGUAGE = frozenset(
     f"dem_bridge.{name}"
     for name in (
         "backends.base", "compiled", "contacts", "errors", "features", "leftovers", "progress", "runs.cache",
-        "runs.case", "runs.code", "runs.store", "scene", "stopwatch", "support", "trajectory",
+        "runs.case", "runs.code", "runs.keys", "runs.store", "scene", "stopwatch", "support", "trajectory",
     )
 )  # fmt: skip
 #: modules through which nothing reaches the values of a run. ``tabled`` gives the twin the tables of a deck for the

@@ -28,7 +28,8 @@ from dem_bridge.features import CONTACT_FUNCTIONS, OTHER_EXPONENTS, SEVERAL_MOVI
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs import case as case_module
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.store import Store, run_key
+from dem_bridge.runs.keys import run_key
+from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.studies import verify
 from dem_bridge.studies.verification import Verification, verification_of

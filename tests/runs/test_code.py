@@ -67,6 +67,7 @@ EDITS: dict[str, set[tuple[str, bool] | str]] = {
     "notebook.py": set(),
     "campaign/run.py": set(),
     "runs/store.py": set(),
+    "runs/keys.py": set(),
     "backends/taylor.py": _of("reference"),
     "backends/blanes_moan.py": _of("blanes-moan"),
     "backends/dormand_prince.py": _of("ode45"),

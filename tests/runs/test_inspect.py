@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.cli import main
 from dem_bridge.errors import UsageError
-from dem_bridge.runs import inspect, store
+from dem_bridge.runs import inspect, keys
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.code import code_of_run
 from dem_bridge.runs.store import DAMAGED, SUFFIX, VARIABLE, Store
@@ -70,7 +70,7 @@ def test_an_entry_is_used_again_until_something_changes(kept: Store, monkeypatch
 
 def test_changed_code_is_named_by_its_file(kept: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     before = dict(code_of_run("verlet", uncertainty=False))
-    monkeypatch.setattr(store, "code_of_run", lambda *_, **__: {**before, "backends/twin.py": "another"})
+    monkeypatch.setattr(keys, "code_of_run", lambda *_, **__: {**before, "backends/twin.py": "another"})
     texts = {text for _, text in inspect.why(kept, PAIR)}
     assert texts == {"not used again: the code (backends/twin.py) changed"}
 

@@ -19,7 +19,7 @@ from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.observables import registry
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.runs import store as store_module
+from dem_bridge.runs import keys
 from dem_bridge.runs.recall import _class, recall, recall_prescan
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
@@ -114,7 +114,7 @@ def test_an_entry_makes_no_class_but_plain_data_of_this_package(tmp_path: Path, 
 
 def test_changed_code_is_another_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert recall(Store(tmp_path), "value", ["key"], lambda: 1) == 1
-    monkeypatch.setattr(store_module, "digest", lambda *_: "of another version")
+    monkeypatch.setattr(keys, "digest", lambda *_: "of another version")
     assert recall(Store(tmp_path), "value", ["key"], lambda: 2) == 2
 
 

@@ -25,9 +25,10 @@ from dem_bridge.backends import base
 from dem_bridge.backends.base import CHOICES, ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.runs import code
+from dem_bridge.runs import code, keys
 from dem_bridge.runs import store as module
-from dem_bridge.runs.store import Store, default_folder, run_key, study_key
+from dem_bridge.runs.keys import run_key, study_key
+from dem_bridge.runs.store import Store, default_folder
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Trajectory, Uncertainty
 from tests.conftest import Solve
@@ -257,7 +258,7 @@ def test_the_key_of_a_run_without_uncertainty_is_another_and_ignores_the_code_of
 ) -> None:
     assert _key(uncertainty=False) != _key()
     before = _key(), _key(uncertainty=False)
-    monkeypatch.setattr(module, "code_of_run", _changed_file("uncertainty/twins.py"))
+    monkeypatch.setattr(keys, "code_of_run", _changed_file("uncertainty/twins.py"))
     assert (_key() == before[0], _key(uncertainty=False) == before[1]) == (False, True)
 
 
@@ -273,7 +274,7 @@ def test_another_version_is_another_key(package: str, monkeypatch: pytest.Monkey
 @pytest.mark.parametrize("what", ["_machine", "digest"])
 def test_another_machine_or_code_is_another_key(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before = _key(), study_key("scatter", [SCENE])
-    monkeypatch.setattr(module, what, lambda *_: "another")
+    monkeypatch.setattr(keys, what, lambda *_: "another")
     assert not {_key(), study_key("scatter", [SCENE])} & set(before)
 
 
