@@ -18,11 +18,11 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsTable
 from dem_bridge.backends.prescan import surrogate_radius
-from dem_bridge.dense import schedule
+from dem_bridge.dense import Schedule, schedule
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
-from dem_bridge.lmp.deck import Deck, deck_of
+from dem_bridge.lmp.deck import Deck, _rows, as_comment, deck_of, positions
 from dem_bridge.lmp.reader.script import Script
 from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.scene_file import MAIN_SCENES
@@ -566,3 +566,128 @@ def test_a_description_changes_no_command_of_a_deck(text: str) -> None:
     assert described.startswith("# ")
     assert '"""' not in described
     assert not described.rstrip().endswith("&")
+
+
+# lines by hand
+
+#: 7 samples of 40 steps
+SHORT = Schedule(step=1e-7, per_sample=40, subdivisions=2, samples=7)
+#: two bodies between walls, one at a distance of a radius
+HELD = replace(PAIR, wall_left=Wall(stiffness=4e9), wall_right=Wall(stiffness=5e9, gap=RADIUS))
+
+
+def test_the_box_leaves_a_diameter_beyond_the_line_and_is_a_diameter_wide() -> None:
+    r = RADIUS
+    [first, *others] = [line for line in _deck(HELD).files["data.pair"].splitlines() if line.endswith("hi")]
+    # the left wall is at -2 r, body 0 at 0, body 1 at 2 r, and the right wall a gap of r behind touch, at 5 r
+    assert first == f"{-4.0 * r!r} {7.0 * r!r} xlo xhi"
+    assert others == [f"{-r!r} {r!r} ylo yhi", f"{-r!r} {r!r} zlo zhi"]
+
+
+def test_atoms_have_type_diameter_density_place_and_velocity() -> None:
+    text = _deck(HELD).files["data.pair"]
+    atoms, velocities = (part.split("\n\n")[1].split() for part in text.split("Atoms")[1].split("Velocities", 1))
+    rows = [atoms[7 * i : 7 * i + 7] for i in range(4)]
+    assert len(atoms) == 28
+    assert [row[0] for row in rows] == ["1", "2", "3", "4"]
+    assert {row[2] for row in rows} == {repr(2.0 * RADIUS)}
+    # a wall has the mass of its neighbour
+    volume = 4.0 / 3.0 * math.pi * RADIUS**3
+    assert [float(row[3]) for row in rows] == pytest.approx(
+        [m / volume for m in (8.1e-3, 8.1e-3, 1e-2, 1e-2)], rel=1e-15
+    )
+    assert [float(row[4]) for row in rows] == [-2.0 * RADIUS, 0.0, 2.0 * RADIUS, 5.0 * RADIUS]
+    assert [row[5:] for row in rows] == [["0", "0"]] * 4
+    assert velocities == f"1 0.0 {'0 ' * 5}2 0.8 {'0 ' * 5}3 0.0 {'0 ' * 5}4 0.0 {'0 ' * 5}".split()
+    assert "4 atoms\n" in text
+
+
+@pytest.mark.parametrize(("travel", "bins"), [(0.0, False), (1557.9, False), (1558.0, False), (1558.1, True)])
+def test_bins_have_a_size_of_their_own_where_the_line_is_1560_radii_long(travel: float, bins: bool) -> None:
+    # two atoms: 1040 bins; the line is two radii and the travel
+    deck = deck_of(PAIR, radius=RADIUS, schedule=SHORT, travel=travel * RADIUS)
+    size = (2.0 + travel) * RADIUS / 1040.0
+    end = f" binsize {size!r}\n" if bins else "\n"
+    assert f"neigh_modify    delay 0 every 1 check yes{end}" in deck.files["in.pair"]
+    # the box is as wide as a bin, if that is more than a body
+    wide = deck_of(PAIR, radius=RADIUS, schedule=SHORT, travel=1e6 * RADIUS)
+    size = (2.0 + 1e6) * RADIUS / 1040.0
+    assert f"{-0.5 * size!r} {0.5 * size!r} ylo yhi" in wide.files["data.pair"]
+    assert f"{-size!r} {2.0 * RADIUS + size!r} xlo xhi" in wide.files["data.pair"]
+
+
+@pytest.mark.parametrize(("samples", "every"), [(1, 40), (9, 40), (10, 40), (19, 40), (20, 80), (500, 2000)])
+def test_energies_are_printed_at_samples_ten_times_in_a_run(samples: int, every: int) -> None:
+    deck = deck_of(PAIR, radius=RADIUS, schedule=replace(SHORT, samples=samples))
+    assert f"\nthermo          {every}\n" in deck.files["in.pair"]
+
+
+def test_a_deck_has_the_files_radii_and_distances_of_its_line() -> None:
+    deck = _deck(HELD)
+    assert (deck.input_file, deck.dump_file) == ("in.pair", "dump.pair.bin")
+    assert deck.radii.tolist() == [RADIUS] * 4
+    encoded = replace(deck, encoded_radii=np.array([1.0, 2.0, 4.0, 8.0]))
+    assert encoded.radii.tolist() == [1.0, 2.0, 4.0, 8.0]
+    assert (deck.reach.tolist(), encoded.reach.tolist()) == ([2.0 * RADIUS] * 3, [3.0, 6.0, 12.0])
+
+
+def test_positions_start_at_body_0_and_add_gaps() -> None:
+    assert positions(HELD, 0.5) == pytest.approx([-1.0, 0.0, 1.0, 2.0 + RADIUS], abs=0.0)
+    open_left = replace(PAIR, wall_left=Wall(stiffness=1.0, gap=0.25), gap=0.125)
+    assert positions(open_left, 0.5).tolist() == [-1.25, 0.0, 1.125]
+
+
+def test_lines_say_which_contacts_have_a_law_and_how_many() -> None:
+    three = replace(PAIR, mass=(1e-2,) * 3, stiffness=(4e9, 4e9), velocity=(1.0, 0.0, 0.0), exponent=2.5, gap=0.0)
+    texts = {
+        "wall_right: beta = 5000000000.0": HELD,
+        "contact 0 and 1 more: beta = 4000000000.0": three,
+        "contact 0: beta = 4000000000.0": PAIR,
+    }
+    for text, scene in texts.items():
+        assert f"  # {text}\n" in _deck(scene).files["in.pair"]
+    shares = "contacts with the same law may share a pair of types"
+    assert [shares in _deck(scene).files["in.pair"] for scene in (three, PAIR, HELD)] == [True, False, True]
+    assert "each contact has its own pair of types" in _deck(PAIR).files["in.pair"]
+
+
+def test_masses_are_set_by_groups_of_equal_neighbours_up_to_three_hundred() -> None:
+    def sets(bodies: int) -> tuple[list[str], bool]:
+        masses = tuple(1e-2 * (1.0 + i % 2) for i in range(bodies))
+        scene = Scene(name="many", duration=1e-4, mass=masses, stiffness=(4e9,) * (bodies - 1),
+                      velocity=(1.0, *[0.0] * (bodies - 1)))  # fmt: skip
+        deck = deck_of(scene, radius=RADIUS, schedule=SHORT)
+        return re.findall(r"^set .*$", deck.files["in.many"], re.MULTILINE), "masses.many" in deck.files
+
+    found, from_file = sets(300)
+    assert (len(found), from_file) == (300, False)
+    assert found[1] == "set             atom 2 mass 0.02"
+    assert sets(301) == (["set             group all mass v_mass"], True)
+    grouped = replace(HELD, mass=(1e-2, 1e-2))
+    assert "set             atom 2*3 mass 0.01\n" in _deck(grouped).files["in.pair"]
+
+
+def test_rows_are_written_in_blocks() -> None:
+    rows = _rows("{} {}".format, np.array([7, 8, 9, 10, 11]), block=2)
+    assert list(rows) == ["1 7\n2 8", "3 9\n4 10", "5 11"]
+    assert list(_rows("{} {} {}".format, np.array([1, 2]), np.array([3, 4]), block=2)) == ["1 1 3\n2 2 4"]
+    assert len(list(_rows("{} {}".format, np.zeros(10_001)))) == 2
+    assert len(list(_rows("{} {}".format, np.zeros(10_000)))) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "comment"),
+    [
+        ("plain", "plain"),
+        ("a" * 1001, "a" * 1000),
+        ("tab\tand\u2003space", "tab and space"),
+        ("2 \u00b5m", "2 \\xb5m"),
+        ('two "" are kept', 'two "" are kept'),
+        ('three """ and five """""', "three ''' and five '''''"),
+        ("you & me", "you & me"),
+        ("you &&  ", "you and"),
+        ("~ !", "~ !"),
+    ],
+)
+def test_a_comment_is_ascii_that_ends_with_its_line(text: str, comment: str) -> None:
+    assert as_comment(text) == comment
