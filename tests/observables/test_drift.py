@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import linregress
 
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.dense import Schedule
@@ -53,6 +54,29 @@ def test_a_drift_above_its_bar_is_found(kind: str) -> None:
         # the fit is linear in the series
         assert loud.slope == pytest.approx(quiet.slope + sign * 3.0 * quiet.bar, rel=1e-9)
         assert loud.bar == pytest.approx(quiet.bar, rel=0.5)
+
+
+def test_slope_and_standard_errors_are_those_of_a_line_through_the_means_of_twenty_blocks() -> None:
+    # two samples a block; block means by hand, and a regression that shares nothing with the code
+    time = 5.0 + 0.5 * np.arange(40.0)
+    series = 3.0 + 0.2 * time + np.random.default_rng(11).standard_normal(40)
+    found = drift_of(time, series)
+    when, means = time.reshape(20, 2).mean(axis=1), series.reshape(20, 2).mean(axis=1)
+    line = linregress(when, means)
+    assert (found.slope, found.swing) == pytest.approx((line.slope, line.stderr), rel=1e-10)
+    # a walk: 19 steps from block to block, of which a mean sees 2/3 of the variance, and a line 6/5
+    steps = means[1:] - means[:-1]
+    variance = np.sum((steps - np.mean(steps)) ** 2) / 18.0
+    assert found.walk == pytest.approx(np.sqrt(6 / 5 * 3 / 2 * 19.0 * variance) / 19.0, rel=1e-10)
+    # Student's t of 18 degrees of freedom leaves 2.5 % on each side
+    assert found.bar == pytest.approx(2.10092204024 * max(found.walk, found.swing), rel=1e-10)
+    assert found.duration == 19.5
+    assert found.total == pytest.approx((19.5 * found.slope, 19.5 * found.bar), rel=1e-15)
+    assert found.found == (abs(found.slope) > found.bar)
+    assert not replace(found, slope=-found.bar).found
+    assert replace(found, slope=-1.0001 * found.bar).found
+    with pytest.raises(UsageError, match=r"^39 samples of a series; allowed: at least 40,"):
+        drift_of(time[:39], series[:39])
 
 
 def test_too_short_a_series_has_no_drift() -> None:

@@ -224,6 +224,60 @@ def test_binary_collisions_of_tapered_chains_have_the_slope_of_their_formula(rat
     assert fit.spread == pytest.approx((fit.slope, fit.slope), rel=1e-12)
 
 
+def test_the_shortest_and_the_longest_windows_are_allowed() -> None:
+    force = np.array(_chain().stiffness) ** 0.4
+    run = _run(speed=(1e7 + 1e6 * BODY) ** 0.4, force=force)
+    for first, last in ((11, 13), (1, BODIES - 2)):
+        fit = speed_power_law(_chain(), run, first=first, last=last)
+        assert (fit.first, fit.last, fit.b2) == (first, last, pytest.approx(1e6, rel=1e-6))
+    for window in ((5, 8), (0, BODIES - 2)):
+        assert force_exponent(_chain(), run, window=window).slope == pytest.approx(0.4, abs=1e-9)
+    grown = np.exp(0.1 * np.arange(BODIES)) * np.ones((5, 1))
+    came = np.linspace(0.1, 0.9, BODIES - 1)
+    pulse = free_flight(bodies=BODIES, contacts=BODIES - 1, velocity=grown, crossing_time=came)
+    for first, last in ((0, 2), (BODIES - 3, BODIES - 1), (0, BODIES - 1)):
+        assert log_velocity_slope(_chain(), pulse, first, last).slope == pytest.approx(0.1, rel=1e-12)
+    for first, last in ((-1, 5), (5, BODIES - 1), (5, 6)):
+        with pytest.raises(UsageError, match=rf"^bodies {first}..{last}; allowed: 3 or more of 1..39, first and last"):
+            speed_power_law(_chain(), run, first=first, last=last)
+    with pytest.raises(UsageError, match=r"^contacts 0..40; allowed"):
+        force_exponent(_chain(), run, window=(0, BODIES - 1))
+
+
+@pytest.mark.parametrize(("span", "gradient"), [(0.9e-6, False), (1.1e-6, True)])
+def test_a_gradient_is_a_millionth_in_the_logarithm(span: float, gradient: bool) -> None:
+    beta = 1e10 * np.exp(np.linspace(0.0, span, BODIES - 1))
+    run = _run(force=beta**0.4)
+    if gradient:
+        # logarithms near 20, rounded, over a millionth
+        assert force_exponent(_chain(beta), run, window=(0, 39)).slope == pytest.approx(0.4, abs=0.1)
+    else:
+        with pytest.raises(UsageError, match=r"one stiffness in contacts 0\.\.39"):
+            force_exponent(_chain(beta), run, window=(0, 39))
+
+
+def test_an_unknown_uncertainty_in_the_middle_does_not_matter_and_others_do() -> None:
+    x, y = np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 3.0])
+    # weights -1/2, 0 and 1/2
+    assert straight_line(x, y, np.array([0.1, math.inf, 0.3]), 0).uncertainty == pytest.approx(0.2, rel=1e-14)
+    assert math.isinf(straight_line(x, y, np.array([math.inf, 0.1, 0.1]), 0).uncertainty)
+
+
+def test_windows_of_a_line_are_parts_of_it_at_start_middle_and_end() -> None:
+    x = np.arange(10.0)
+    fit = straight_line(x, x**2, np.zeros(10), 3)
+    # sizes 9, 8, 7, 6, 5 of 10
+    places = {(start, start + size) for size in (9, 8, 7, 6, 5) for start in (0, (10 - size) // 2, 10 - size)}
+    assert fit.windows == tuple(sorted((3 + a, 2 + b) for a, b in places | {(0, 10)}))
+    # of a parabola the slope of a line is the sum of the ends
+    assert fit.slopes == pytest.approx([low + high - 6 for low, high in fit.windows], rel=1e-12)
+    assert fit.spread == pytest.approx((4.0, 14.0), rel=1e-12)
+    # of four points windows of three are the smallest, and no window has one x alone
+    assert straight_line(np.arange(4.0), np.arange(4.0), np.zeros(4), 0).windows == ((0, 2), (0, 3), (1, 3))
+    flat = straight_line(np.array([0.0, 0.0, 0.0, 1.0]), np.arange(4.0), np.zeros(4), 0)
+    assert flat.windows == ((0, 3), (1, 3))
+
+
 def _never_came() -> Trajectory:
     crossing = np.linspace(1e-5, 2e-4, BODIES - 1)
     crossing[30:] = np.nan

@@ -15,6 +15,7 @@ from dem_bridge.observables.modes import highest_frequencies, tangent_stiffness
 from dem_bridge.physics.dispersion import dispersion
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import Cost, Trajectory
+from tests.helpers.fake_runs import free_flight
 
 
 def at_rest(scene: Scene, displacement: list[float]) -> Trajectory:
@@ -90,6 +91,36 @@ def test_a_law_of_its_own_has_the_slope_of_the_power_that_it_is() -> None:
     # a centred difference over 1e-4 of the overlap errs by a part of its square
     np.testing.assert_allclose(tangent_stiffness(law, overlap), tangent_stiffness(scene, overlap), rtol=1e-8)
     assert plain.law is None
+
+
+def test_the_slope_of_a_law_is_a_centred_difference_over_a_ten_thousandth() -> None:
+    cube = Scene(name="law", duration=1e-4, mass=(1.0,) * 3, stiffness=(1.0,) * 2, velocity=(1.0, 0.0, 0.0),
+                 law=lambda d: d**3)  # fmt: skip
+    # ((1 + s)^3 - (1 - s)^3)/(2 s) = 3 + s^2; round-off is 2e-16/s
+    found = tangent_stiffness(cube, np.array([[0.5, -0.1], [2.0, 0.0]]))
+    expected = (3.0 + 1e-8) * np.array([[0.25, 0.0], [4.0, 0.0]])
+    np.testing.assert_allclose(found, expected, rtol=2e-10, atol=0.0)
+
+
+def test_open_contacts_have_no_stiffness_and_springs_theirs() -> None:
+    scene = Scene(name="any", duration=1.0, mass=(1.0,) * 4, stiffness=(3.0, 5.0, 7.0), exponent=(2.0, 3.0, 2.5),
+                  velocity=(0.0,) * 4)  # fmt: skip
+    overlap = np.array([[0.25, 0.25, 0.25], [0.0, 0.0, 0.0], [-1.0, -1.0, -1.0]])
+    # (n - 1) beta overlap^(n - 2)
+    assert tangent_stiffness(scene, overlap).tolist() == [[3.0, 2.5, 5.25], [0.0] * 3, [0.0] * 3]
+
+
+def test_the_highest_mode_may_be_at_another_moment_than_the_fastest_pair() -> None:
+    scene = Scene(name="two", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0, 1.0), exponent=3.0, velocity=(0.0,) * 3)
+    # stiffnesses 2 d: one contact of 0.5 N/m alone, then two of 0.4 N/m, whose highest mode has 3 k/m
+    rows = [[0.25, 0.0, 1.0], [0.4, 0.2, 0.0], [0.0, 0.0, 0.0]]
+    run = free_flight(samples=2, displacement=np.array(rows), velocity=np.zeros((3, 3)))
+    assert highest_frequencies(scene, run) == pytest.approx((1.0, math.sqrt(1.2)), rel=1e-12)
+    still = free_flight(samples=0, displacement=np.zeros((1, 3)), velocity=np.zeros((1, 3)))
+    assert highest_frequencies(scene, still) == (0.0, 0.0)
+    single = Scene(name="one", duration=1.0, mass=(2.0,), stiffness=(), velocity=(0.0,), exponent=2.0,
+                   wall_right=Wall(stiffness=8.0, gap=-1.0, exponent=2.0))  # fmt: skip
+    assert highest_frequencies(single, at_rest(single, [0.0])) == pytest.approx((2.0, 2.0), rel=1e-15)
 
 
 def test_where_the_slope_is_infinite_at_touch_there_is_no_highest_frequency() -> None:

@@ -14,10 +14,11 @@ from dem_bridge.errors import UsageError
 from dem_bridge.exports.table import UNITS
 from dem_bridge.observables.errors import read, relative_to
 from dem_bridge.observables.registry import AXES, OBSERVABLES, Observable, observable_named, register
-from dem_bridge.scene import Scene
+from dem_bridge.scene import Scene, Wall
 from dem_bridge.trajectory import VOCABULARY, Trajectory
 from tests.conftest import Solve
 from tests.helpers.export_chains import CROSSED, RAW
+from tests.helpers.fake_runs import free_flight, uncertain
 
 Floats = NDArray[np.float64]
 #: samples so close (1e-7 s, a hundredth of a collision) that differences and sums stand for slopes and integrals
@@ -165,6 +166,48 @@ def test_an_observable_says_what_it_is_in_a_unit_that_tables_know(observable: Ob
     if observable.name in VOCABULARY:
         unit, _, axis = VOCABULARY[observable.name]
         assert (observable.unit, observable.axis) == (unit, axis)
+
+
+def test_scales_of_what_is_conserved_are_sums_by_hand() -> None:
+    # springs of 10 N/m, 4 m too long, and gravity; bodies of 2, 3 and 5 kg at -1, 2 and 3 m/s
+    scene = Scene(name="springs", duration=1.0, mass=(2.0, 3.0, 5.0), stiffness=(10.0, 10.0), exponent=2.0,
+                  velocity=(1.0, 2.0, 3.0), gap=-4.0, gravity=4.0)  # fmt: skip
+    run = free_flight(samples=1, velocity=np.array([[-1.0, 2.0, 3.0], [-1.0, 2.0, -4.0]]))
+
+    def scale(name: str, **changes: float) -> float:
+        return float(np.max(read(name, replace(scene, **changes), run).scale))  # type: ignore[arg-type]
+
+    assert scale("velocity") == 4.0
+    assert scale("momentum") == (2.0 + 3.0 + 5.0) * 4.0
+    # kinetic 1 + 6 + 40, stored 5 (3^2 + 3^2), height -4 (2 + 6 + 15) after 1 s
+    assert scale("energy") == pytest.approx(47.0 + 90.0 + 92.0, rel=1e-14)
+    assert scale("energy", gravity=-4.0) == pytest.approx(47.0 + 90.0 + 92.0, rel=1e-14)
+    assert scale("energy_less_work") == pytest.approx(47.0, rel=1e-14)
+
+
+def test_uncertainties_of_what_is_conserved_are_sums_by_hand() -> None:
+    # as above, with a wall 0.5 m away on a spring of 7 N/m
+    scene = Scene(name="springs", duration=1.0, mass=(2.0, 3.0), stiffness=(10.0,), exponent=2.0, velocity=(1.0, 2.0),
+                  gap=-4.0, gravity=-2.0, wall_right=Wall(stiffness=7.0, gap=0.5, exponent=2.0))  # fmt: skip
+    run = free_flight(bodies=2, contacts=2, samples=1, uncertainty=uncertain(velocity=0.1, displacement=0.01))
+    parts = OBSERVABLES["momentum"].uncertainty(scene, run), OBSERVABLES["energy"].uncertainty(scene, run)
+    assert parts[0] == pytest.approx([0.5, 0.5], rel=1e-14)
+    # m |v| of both bodies; forces of 40 and 0 N, then 30 and 10.5 N, of which a wall's acts on one body, and weights
+    moving = 0.1 * (2.0 + 6.0)
+    assert parts[1] == pytest.approx([moving + 0.01 * (80.0 + 10.0), moving + 0.01 * (60.0 + 10.5 + 10.0)], rel=1e-14)
+    for lost in (uncertain(velocity=np.inf), uncertain(displacement=np.inf)):
+        unknown = replace(run, uncertainty=lost)
+        assert np.isinf(OBSERVABLES["energy"].uncertainty(scene, unknown)).all()
+
+
+def test_a_wave_speed_is_uncertain_by_the_spacing_times_that_of_its_front() -> None:
+    scene = Scene(
+        name="three", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0,) * 2, velocity=(1.0, 0.0, 0.0), spacing=0.5
+    )
+    run = free_flight(crossing_time=[1.0, 3.0], uncertainty=uncertain(crossing_time=[0.1, 0.3]))
+    # 2 s less 0.4 s
+    assert OBSERVABLES["wave_speed"].uncertainty(scene, run)[1] == pytest.approx(0.5 * (1 / 1.6 - 1 / 2), rel=1e-12)
+    assert OBSERVABLES["wave_speed"].value(scene, run)[1] == 0.25
 
 
 def test_a_name_is_registered_once_and_an_unknown_one_is_refused_with_those_that_are_allowed() -> None:
