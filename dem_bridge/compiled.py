@@ -39,7 +39,14 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function, or within :meth:`interpret` the function itself."""
-        return self.py_func(*arguments) if getattr(_thread, "interprets", False) else self.compiled(*arguments)
+        if getattr(_thread, "interprets", False):
+            return self.py_func(*arguments)
+        try:
+            return self.compiled(*arguments)
+        except SystemError as error:
+            if isinstance(error.__cause__, KeyboardInterrupt):  # Ctrl-C at the moment when the function returned
+                raise error.__cause__ from None
+            raise
 
     def interpret(self, *arguments: Any) -> Any:
         """Call the function, and the kernels that it calls, without the compiler."""

@@ -231,7 +231,7 @@ def test_only_scene_files_defects_and_texts_of_studies_are_parsed() -> None:
 
 def test_only_the_process_starts_processes_for_lammps_and_one_reads_files_in_a_child() -> None:
     importers = {name for name in _importers("subprocess") if not name.startswith(("studies", "report", "cli"))}
-    assert importers == {"lmp.process", "isolated"}
+    assert importers == {"lmp.child", "lmp.process", "isolated"}
 
 
 def test_lower_layers_know_numpy_and_scipy_alone() -> None:

@@ -86,3 +86,14 @@ def test_walls_and_laws_need_no_kernels_of_their_own() -> None:
     assert of_walls == of_all
     law = replace(plain, law=lambda overlap: 4e9 * overlap**1.5)
     assert numba.typeof(curves_of(law)) == numba.typeof(POWERS)
+
+
+@pytest.mark.parametrize("cause", [KeyboardInterrupt, ValueError])
+def test_ctrl_c_at_the_end_of_a_compiled_function_is_that_and_no_system_error(cause: type[BaseException]) -> None:
+    def returned_with_an_exception_set() -> None:
+        raise SystemError("returned a result with an exception set") from cause()
+
+    one = kernel()(returned_with_an_exception_set)
+    one.__dict__["compiled"] = returned_with_an_exception_set
+    with pytest.raises(KeyboardInterrupt if cause is KeyboardInterrupt else SystemError, match=""):
+        one()

@@ -20,7 +20,8 @@ from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.files import write_whole
-from dem_bridge.lmp.process import run_program, workspace
+from dem_bridge.lmp.child import run_program
+from dem_bridge.lmp.process import workspace
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file.text import scene_json, scene_toml
 

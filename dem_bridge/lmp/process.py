@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -23,12 +21,12 @@ from tempfile import TemporaryDirectory, gettempdir
 from typing import Any
 
 from dem_bridge.errors import BackendUnavailable, RunBroken
-from dem_bridge.leftovers import SHARED_MEMORY, owned, sweep_temporary
+from dem_bridge.leftovers import owned, sweep_temporary
 from dem_bridge.lmp import log
+from dem_bridge.lmp.child import PARENT_DEATH_GUARD, Ended, now, sweep_shared_memory, wait
 from dem_bridge.lmp.engine import STYLES, Build, Engine, lacks, remedy
 
 WORKER = Path(__file__).with_name("worker.py")
-PARENT_DEATH_GUARD = Path(__file__).with_name("parent_death_guard.py")
 #: files of a task: the reply of the worker, LAMMPS' log, and what the child writes to the screen
 _ANSWER, _LOG, _SCREEN = "answer.json", "log.lammps", "stderr.txt"
 _SILENT_STAGES = {"load": "loading the lammps module", "run": "running the deck", "done": "closing"}
@@ -36,8 +34,6 @@ _SILENT_STAGES = {"load": "loading the lammps module", "run": "running the deck"
 _PROBE = 60.0
 #: a disk with less free space than this counts as full, bytes
 _FULL = 1_000_000
-#: interval between two checks of the child's state, s, and number of checks between two calls of the caller's function
-_POLL, _CHECKS_PER_WATCH = 0.002, 100
 _OWN_FOLDER = "set TMPDIR to a folder with more room"
 
 
@@ -62,21 +58,6 @@ class EngineReport:
     """Name of the pair style with the suffix that LAMMPS chose; '' if the log does not contain it."""
     energies: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     """Potential and kinetic energy by step, J, as far as the log contains them."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Ended:
-    """The end of a child; times in s, including all its own children."""
-
-    code: int
-    wall: float
-    cpu: float
-    memory: int
-
-    @property
-    def how(self) -> str:
-        """Description of the end: the signal or the exit code."""
-        return f"by {signal.Signals(-self.code).name}" if self.code < 0 else f"with exit code {self.code}"
 
 
 def run_deck(
@@ -305,13 +286,13 @@ class _Task:
 
     def _child(self, command: Sequence[str]) -> Ended:
         """Run a command; no process of it remains, whatever happens."""
-        began = time.perf_counter()
+        began = now()
         with self.process(command) as child:
             return self._wait(child, began)
 
     def _hand_over(self, input_file: str) -> Ended:
         """Run a deck by the worker that waits for its name."""
-        began = time.perf_counter()
+        began = now()
         assert self.worker is not None
         assert self.worker.stdin is not None
         with suppress(BrokenPipeError), self.worker.stdin as pipe:  # a worker that has ended left its reply
@@ -321,7 +302,7 @@ class _Task:
     def _wait(self, child: subprocess.Popen[bytes], began: float) -> Ended:
         """Wait for a child and return its end, or raise RunBroken after the time limit."""
         try:
-            return _wait(child, began, self.time_limit, self.watch)
+            return wait(child, began, self.time_limit, self.watch)
         except subprocess.TimeoutExpired:
             problem = f"LAMMPS did not finish within the time limit of {self.time_limit:g} s and was stopped"
             raise RunBroken(problem, log=self._last_lines()) from None
@@ -355,7 +336,7 @@ class _Task:
                 # ranks are in other sessions: they end with MPI's launcher
                 os.killpg(child.pid, signal.SIGKILL)
                 child.wait()
-            _sweep(child.pid)
+            sweep_shared_memory(child.pid)
 
     def _failure(self, error: str) -> BackendUnavailable | RunBroken:
         """Return the exception for an error of LAMMPS."""
@@ -378,66 +359,6 @@ class _Task:
     def _last_lines(self) -> str:
         """Return the last 20 lines of LAMMPS' log."""
         return "\n".join(self._read(_LOG).splitlines()[-20:])
-
-
-def run_program(command: Sequence[str], folder: Path, *, time_limit: float, stdout: Path, stderr: Path) -> Ended:
-    """Run any program in a folder, with its output in two files; no process of it remains, whatever happens.
-
-    Raises
-    ------
-    OSError
-        If the program cannot be started.
-    TimeoutError
-        If it does not end within ``time_limit`` (s).
-    """
-    with stdout.open("wb") as out, stderr.open("wb") as err:
-        began = time.perf_counter()
-        guarded = [sys.executable, "-IS", str(PARENT_DEATH_GUARD), *command]
-        child = subprocess.Popen(
-            guarded, cwd=folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err, start_new_session=True
-        )
-    try:
-        return _wait(child, began, time_limit, None)
-    except subprocess.TimeoutExpired as error:
-        raise TimeoutError from error
-    finally:
-        with suppress(ProcessLookupError):  # also processes that it has left behind
-            os.killpg(child.pid, signal.SIGKILL)
-        if child.returncode is None:
-            child.wait()
-        _sweep(child.pid)
-
-
-def _sweep(pid: int) -> None:
-    """Remove the shared memory of an MPI library whose process was killed.
-
-    MPICH keeps 1 MB for each, named after the process, until the machine is restarted.
-    """
-    for path in SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*"):
-        with suppress(OSError):  # it belongs to another user
-            path.unlink()
-
-
-def _wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch: Callable[[], None] | None) -> Ended:
-    """Wait for the child and return its end, or raise TimeoutExpired."""
-    end, checks = began + time_limit, 0
-    # wait4 returns the resources that the child and its children used
-    while not (ended := os.wait4(child.pid, os.WNOHANG))[0]:
-        if time.perf_counter() >= end:
-            raise subprocess.TimeoutExpired(child.args, time_limit)
-        checks += 1
-        if watch is not None and checks % _CHECKS_PER_WATCH == 0:
-            watch()
-        time.sleep(_POLL)
-    _, status, usage = ended
-    child.returncode = os.waitstatus_to_exitcode(status)
-    return Ended(
-        code=child.returncode,
-        wall=time.perf_counter() - began,
-        cpu=usage.ru_utime + usage.ru_stime,
-        # a child inherits its parent's peak at the fork, so that only a larger value is its own
-        memory=1024 * usage.ru_maxrss if usage.ru_maxrss > resource.getrusage(resource.RUSAGE_SELF).ru_maxrss else 0,
-    )
 
 
 def _answer(path: Path) -> dict[str, Any]:

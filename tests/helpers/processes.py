@@ -66,7 +66,7 @@ def stays_asleep(thread: int) -> bool:
 
 
 class EventClock:
-    """Take the place of the module ``time`` in ``lmp.process``: any time limit is over when ``event()`` is true.
+    """Take the place of the module ``time`` in ``lmp.child``: any time limit is over when ``event()`` is true.
 
     The clock stands still until then, so a run is stopped after what the test waits for and not after some seconds,
     within which a busy machine may not have come that far.

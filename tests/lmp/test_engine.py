@@ -15,7 +15,7 @@ import dem_bridge as db
 from dem_bridge.backends.base import ENGINE_BACKENDS, backend
 from dem_bridge.cli import main
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, RunBroken, UsageError
-from dem_bridge.lmp import log, process
+from dem_bridge.lmp import child, log
 from dem_bridge.lmp.engine import VARIABLE, Engine, lacks
 from dem_bridge.lmp.process import probe, require, run_deck
 from dem_bridge.scene import Scene
@@ -268,7 +268,7 @@ def test_a_binary_that_hangs_is_stopped_with_all_it_started(
     binary: Binary, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     script = binary("sleep 600 &\necho $$ $! > pids.part\nmv pids.part pids\nwait")
-    monkeypatch.setattr(process, "time", EventClock((folder / "pids").exists))
+    monkeypatch.setattr(child, "time", EventClock((folder / "pids").exists))
     assert "time limit of 0.1 s and was stopped" in str(_broken(script, folder, time_limit=0.1))
     assert all_end(map(int, (folder / "pids").read_text().split()))
 

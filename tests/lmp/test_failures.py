@@ -17,7 +17,7 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import run_case
 from dem_bridge.errors import RunBroken
-from dem_bridge.lmp import process
+from dem_bridge.lmp import child, process
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import check_room, run_deck, workspace
 from dem_bridge.runs.case import Case
@@ -170,7 +170,7 @@ def test_a_rank_that_fails_takes_the_one_that_waits_with_it(
 ) -> None:
     if "_exit" in end:
         # a rank that ends before MPI knows it is not missed by the launcher: the limit ends the others
-        monkeypatch.setattr(process, "time", EventClock(lambda: len(_pids(deck)) == 2 > len(running(_pids(deck)))))
+        monkeypatch.setattr(child, "time", EventClock(lambda: len(_pids(deck)) == 2 > len(running(_pids(deck)))))
         assert "time limit of 0.1 s" in str(_broken(deck, rank_fails(end), time_limit=0.1))
     else:
         assert "LAMMPS ended" in str(_broken(deck, rank_fails(end)))

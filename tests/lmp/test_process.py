@@ -16,7 +16,7 @@ import dem_bridge as db
 from dem_bridge.backends import lammps
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.leftovers import SHARED_MEMORY
-from dem_bridge.lmp import process, worker
+from dem_bridge.lmp import child, process, worker
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import loading_worker, probe, require, run_deck
 from dem_bridge.scene import Scene
@@ -124,7 +124,7 @@ def test_a_child_that_hangs_is_stopped_with_all_that_it_started(
 ) -> None:
     helper = "import subprocess\nhelper = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\n"
     plant(RUNNING + helper + "open('pids', 'w').write(f'{os.getpid()} {helper.pid}')\ntime.sleep(600)")
-    monkeypatch.setattr(process, "time", EventClock(lambda: len(_pids(folder)) == 2))
+    monkeypatch.setattr(child, "time", EventClock(lambda: len(_pids(folder)) == 2))
     assert "time limit of 0.1 s and was stopped" in str(_broken(folder, time_limit=0.1))
     assert all_end(_pids(folder))
 
@@ -132,7 +132,7 @@ def test_a_child_that_hangs_is_stopped_with_all_that_it_started(
 def test_a_watched_child_that_hangs_is_stopped_too(plant: Plant, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plant(RUNNING + "time.sleep(600)")
     calls: list[None] = []
-    monkeypatch.setattr(process, "time", EventClock(lambda: len(calls) == 2))
+    monkeypatch.setattr(child, "time", EventClock(lambda: len(calls) == 2))
     with pytest.raises(RunBroken, match="time limit of 60 s"):
         run_deck(folder, "in.any", time_limit=60.0, watch=lambda: calls.append(None))
     assert len(calls) == 2
@@ -298,14 +298,14 @@ def test_a_failed_pair_coeff_leaves_the_caller_alive(tmp_path: Path) -> None:
 def test_no_shared_memory_of_a_run_is_left(
     end: str, plant: Plant, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process, "SHARED_MEMORY", tmp_path)
+    monkeypatch.setattr(child, "SHARED_MEMORY", tmp_path)
     another = tmp_path / "mpich_shm_1_0"
     another.touch()
     plant(RUNNING + f"open(f'{tmp_path}/mpich_shm_{{os.getpid():x}}_0', 'w').close()\n" + end)
     if end == DONE:
         run_deck(folder, "in.any", time_limit=60.0)
     else:
-        monkeypatch.setattr(process, "time", EventClock(lambda: len(list(tmp_path.glob("mpich_shm_*"))) == 2))
+        monkeypatch.setattr(child, "time", EventClock(lambda: len(list(tmp_path.glob("mpich_shm_*"))) == 2))
         _broken(folder, time_limit=0.1)
     assert list(tmp_path.glob("mpich_shm_*")) == [another]
 
@@ -327,19 +327,19 @@ def test_lammps_leaves_no_shared_memory(stopped: bool, monkeypatch: pytest.Monke
 
     require(Engine(), "pair granular")
     if stopped:
-        monkeypatch.setattr(process, "time", EventClock(is_there))
+        monkeypatch.setattr(child, "time", EventClock(is_there))
         with pytest.raises(RunBroken, match=r"time limit of 0\.1 s"):
             # 1e8 steps take a minute
             db.solve(PAIR, backend="lammps-granular", dt=1e-12, time_limit=0.1, uncertainty=False)
         assert files
     else:
-        sweep = process._sweep
+        sweep = child.sweep_shared_memory
 
         def note_and_sweep(pid: int) -> None:
             files.add(SHARED_MEMORY / f"mpich_shm_{pid:x}_0")
             sweep(pid)
 
-        monkeypatch.setattr(process, "_sweep", note_and_sweep)
+        monkeypatch.setattr(process, "sweep_shared_memory", note_and_sweep)
         db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False)
         assert len(files) == 1
     assert not [file for file in files if file.exists()]
