@@ -16,6 +16,7 @@ from dem_bridge.backends.base import BACKENDS, Resolution
 from dem_bridge.errors import BackendUnavailable, SceneError, UnsupportedScene, UsageError
 from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
+from tests.helpers.export_chains import CROSSED_FILE
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 
@@ -264,9 +265,12 @@ def test_a_file_in_the_place_of_the_folder_is_refused_in_one_line(tmp_path: Path
 
 def test_a_study_takes_a_scene_a_name_or_a_path_and_writes_into_the_folder(tmp_path: Path) -> None:
     settings: dict[str, Any] = {"spread": 1.0, "count": 2, "seed": 3, "store": False}
-    scene = db.load_scene("decelerating-40")
-    one = db.study("scatter", "decelerating-40", folder=tmp_path / "found", **settings)
+    (tmp_path / "crossed.toml").write_text(CROSSED_FILE)
+    scene = db.load_scene(tmp_path / "crossed.toml")
+    one = db.study("scatter", tmp_path / "crossed.toml", folder=tmp_path / "found", **settings)
     same = db.study("scatter", scene, **settings)
+    with pytest.raises(UnsupportedScene, match="tapered-forward has no contact angles"):
+        db.study("scatter", "tapered-forward", **settings)
     assert one.as_json()["tables"] == same.as_json()["tables"]
     other = db.study("scatter", scene, **{**settings, "seed": 5})
     assert other.as_json()["tables"] != same.as_json()["tables"]

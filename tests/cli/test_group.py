@@ -18,6 +18,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.cli.terminal import print_scenes
 from tests.helpers.command_line import PROGRAM, assert_one_line, run_here, run_program
+from tests.helpers.export_chains import CROSSED_FILE
 from tests.helpers.fake_runs import CHAIN
 
 
@@ -262,7 +263,8 @@ def test_a_study_prints_its_answer_and_its_tables_and_says_where_it_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DEM_BRIDGE_STORE", str(tmp_path / "store"))
-    words = ("study", "scatter", "accelerating-40", "--count", "3", "--spread", "0.5", "--seed", "4", "-j", "1")
+    (tmp_path / "crossed.toml").write_text(CROSSED_FILE)
+    words = ("study", "scatter", "crossed.toml", "--count", "3", "--spread", "0.5", "--seed", "4", "-j", "1")
     done = run_here(*words, "-o", "found", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     written = json.loads((tmp_path / "found/scatter.json").read_text())
@@ -270,7 +272,7 @@ def test_a_study_prints_its_answer_and_its_tables_and_says_where_it_is_written(
     for sentence in written["answer"]:
         assert f"* {sentence}" in shown
     [row] = written["tables"]["scatter"]
-    assert (row["chain"], row["chains"], row["angle (degrees)"]) == ("accelerating-40", 3, 0.5)
+    assert (row["chain"], row["chains"], row["angle (degrees)"]) == ("crossed_4", 3, 0.5)
     assert f"{row['arrival at the end: mean shift (%)']:.4g} {row['its deviation (%)']:.4g}" in shown
     assert done.stdout.splitlines()[-1] == "written: found/index.html, with its tables, figures and scatter.json"
     again = run_here(*words, "--json", cwd=tmp_path)

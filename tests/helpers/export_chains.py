@@ -45,3 +45,29 @@ RAW = Scene(
 )
 #: two balls that meet
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=40)
+
+#: a scene file of a striker and four cylinders: a study of its angles takes a tenth of the time of 40 cylinders
+CROSSED_FILE = """\
+name = "crossed_4"
+duration = 3e-4
+[material]
+youngs_modulus = 72e9
+poissons_ratio = 0.17
+density = 2200.0
+[chain.cylinders]
+count = 4
+radius = 9e-3
+height = 18e-3
+[chain.contacts]
+law = "paper"
+first_angle = 90.0
+last_angle = 20.0
+grading = "linear-stiffness"
+[chain.striker]
+radius = 9e-3
+mass = 8.1e-3
+velocity = 0.8
+stiffness = 3.98e9
+[sampling]
+count = 20
+"""
