@@ -29,8 +29,8 @@ from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, SLACK, Floats
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
 
-#: part of the largest force that may pull unnoticed: round-off of the sum near its zero is a tenth of it
-UNNOTICED = 1e-14
+#: closing rate that is not felt, of the largest speed, as in :func:`.scales.unfelt_overlap`
+UNFELT_RATE = 1e-12
 #: fractions of a step at which forces and overlaps are evaluated. The two next to the ends tell whether a force still
 #: rises there; a maximum between them and the end is missed by (1e-6)^2 of it
 PROBES = np.concatenate([[0.0, 1e-6], np.arange(1, 8) / 8.0, [1.0 - 1e-6, 1.0]])
@@ -46,13 +46,18 @@ class DampedIntegration(Integration):
     def __init__(self, scene: Scene, sampling: Sampling, rtol: float) -> None:
         super().__init__(scene, sampling, rtol)
         self.clip = scene.contacts.clip
+        self.touch = np.maximum(self.touch, 1e-300)  # smallest that divides; a scene at rest has no scale
         speed, depth = natural_scales(scene)
-        damping = self.contacts["damping"] * depth ** self.contacts["damping_power"] * speed
-        scale = scene.contacts.force(depth, np.arange(self.k)) + damping
-        # smallest that divides; a scene at rest has no scale
-        self.unnoticed, self.touch = np.maximum(UNNOTICED * scale, 1e-300), np.maximum(self.touch, 1e-300)
+        largest, unfelt = self._force_scale(depth, speed), self._force_scale(self.touch, UNFELT_RATE * speed)
+        # a body far lighter than the others, or much slower relative to them than all together, feels smaller forces
+        self.unnoticed = np.maximum(np.minimum(kernels.UNNOTICED * largest, unfelt), 1e-300)
         self.last_event, self.at_once = -1.0, 0
         self.rows = np.zeros((len(PROBES), len(self.atol)))  # states at the probes of the last step
+
+    def _force_scale(self, overlap: Floats, rate: float) -> Floats:
+        """Return elastic plus damping force of each contact, N, at an overlap (m) and a closing rate (m/s)."""
+        damping = self.contacts["damping"] * overlap ** self.contacts["damping_power"] * rate
+        return np.asarray(self.scene.contacts.force(overlap, np.arange(self.k)) + damping)
 
     def _sampled_force(self, rows: Floats, state: NDArray[Any]) -> Floats:
         force = self._force(rows)

@@ -22,6 +22,8 @@ OPEN, PRESSING, SLACK = range(3)
 #: why a contact needs a closer examination within a step, as bits
 ENDS, TURNS, FALLS, DIPS, BUMPS, STARTS = (1 << bit for bit in range(6))
 
+#: part of elastic and damping force that may pull unnoticed: round-off of their sum near its zero is a tenth of it
+UNNOTICED = 1e-14
 #: Marshall's polynomial of the restitution, highest power first (2009, *J. Comput. Phys.* 228, 1541, eq. 53)
 MARSHALL = (4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728)
 #: a contact as kernels take it; ``power``: force exponent n - 1; the index n stands for a wall, which rests
@@ -165,13 +167,16 @@ def examine(  # type: ignore[no-untyped-def]
 def margins(rows, state, elastic, contacts, n, clip, touch, unnoticed, out):  # type: ignore[no-untyped-def]
     """Write how far each contact is from a change of its state, for each state in ``rows``; arrays as above.
 
-    Positive while it keeps its state; in units of the overlap ``touch`` (m) and the force ``unnoticed`` (N). An
-    undamped contact, or any without ``clip``, ends with its overlap: its force is no second condition.
+    Positive while it keeps its state; in units of the overlap ``touch`` (m) and the force ``unnoticed`` (N), or of the
+    round-off of the sum where that is larger. An undamped contact, or any without ``clip``, ends with its overlap: its
+    force is no second condition.
     """
     for row in range(len(rows)):
         for i in range(len(contacts)):
             rate = closing_rate(rows[row], contacts[i], len(contacts), n)
-            total = contact_force(rows[row, i], rate, elastic[row], contacts, i) / unnoticed[i]
+            total = contact_force(rows[row, i], rate, elastic[row], contacts, i)
+            undamped = contact_force(rows[row, i], 0.0, elastic[row], contacts, i)
+            total /= max(unnoticed[i], UNNOTICED * (abs(undamped) + abs(total - undamped)))
             overlap = rows[row, i] / touch[i]
             if state[i] == OPEN:
                 out[row, i] = -overlap

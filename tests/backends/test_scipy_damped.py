@@ -129,6 +129,23 @@ def test_the_force_that_would_pull_is_not_there() -> None:
     assert last[1] - last[0] == pytest.approx(clip, abs=1e-12)
 
 
+@pytest.mark.parametrize("light", [1.0, 1e-15])
+def test_a_clipped_force_is_noticed_beside_a_heavy_and_fast_body(light: float) -> None:
+    # the energy of the third body, which is never met, allows forces 1e16 times larger than those of the pair
+    stiffness, c = 1e6, math.sqrt(1e6 * REDUCED)
+    pair = replace(
+        PAIR, exponent=2.0, stiffness=(light * stiffness,), damping=Damping(law="dashpot", coefficient=light * c),
+        mass=tuple(light * mass for mass in PAIR.mass), duration=1e-3,
+    )  # fmt: skip
+    away = replace(
+        pair, mass=(*pair.mass, 1e20), stiffness=pair.stiffness * 2, exponent=pair.exponent * 2,
+        velocity=(*pair.velocity, 1e5), gap=(0.0, 1.0), damping=Damping(law="dashpot", coefficient=light * c),
+    )  # fmt: skip
+    alone, beside = (db.solve(scene, backend="scipy", uncertainty=False) for scene in (pair, away))
+    # forty steps whose absolute tolerance is 3e-18 of 1e5 m/s; velocities were wrong by up to 0.10 m/s
+    assert beside.velocity[:, :2] == pytest.approx(alone.velocity, abs=1e-10)
+
+
 # two bodies, Hertz, Kuwabara-Kono
 
 

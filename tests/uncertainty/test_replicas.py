@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dem_bridge.scene import Scene
+from dem_bridge.scene import Damping, Scene
 from dem_bridge.uncertainty.replicas import (
     LOOSER,
     ODE45,
@@ -80,6 +80,23 @@ def test_displacements_beyond_a_gap_lose_its_last_digit_at_every_step() -> None:
     # 1000 steps of half a unit in the last place of 3 m instead of 0.5 m
     expected = least + 0.5 * 1000 * 2.0**-52 * 2.5
     assert replica_uncertainty(run, [run], rule)["displacement"] == pytest.approx(expected, rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("exponent", "clip", "tolerances"), [(2.65, False, 32.0), (2.65, True, 0.0), (3.5, False, 0.0)]
+)
+def test_a_damping_force_with_a_singular_end_makes_velocities_uncertain(
+    exponent: float, clip: bool, tolerances: float
+) -> None:
+    # many-998: runs at three tolerances agreed to 1e-13 of the largest speed, and all were off by 7e-13
+    damping = Damping(law="kuwabara-kono", coefficient=1e-6, clip=clip)
+    rule = looser_rule(replace(PAIR, exponent=exponent, damping=damping))
+    assert rule.tolerances == tolerances
+    run = replace(free_flight(bodies=2, contacts=1), provenance={"settings": {"rtol": 3e-14}})
+    speed = np.max(np.abs(run.velocity))
+    uncertainty = replica_uncertainty(run, [run], rule)
+    assert uncertainty["velocity"] == pytest.approx(max(tolerances * 3e-14, 16 * 2.0**-52) * speed, rel=1e-2)
+    assert uncertainty["displacement"] >= tolerances * 3e-14 * speed * run.time[-1]
 
 
 def test_a_peak_force_of_ode45_is_no_less_uncertain_than_its_velocities() -> None:
