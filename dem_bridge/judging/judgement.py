@@ -30,7 +30,7 @@ KEYS = (
 )
 #: multiple of the scene's duration beyond which a scene that stays together (walls, load, drive) is not continued
 LONGEST = 20.0
-#: uncertainty of the reference, relative to the largest value, above which no file is called right
+#: what reference or digits leave open, relative to the largest value, above which no file is called right
 DETERMINED = 0.01
 #: largest value of a run that has not failed, in SI units
 LARGEST = 1e100
@@ -269,6 +269,12 @@ def _diagnosis(
             evidence=f"The reference is uncertain by {share:.2g} of the largest {name} at these times, so that errors"
             " of the file cannot be seen; give earlier samples.",
         )
+    if diagnosis.cause == "none" and (share := min(_floors(files), default=0.0)) > DETERMINED:
+        return Diagnosis(
+            cause="unknown",
+            evidence=f"The digits of the file leave {share:.2g} of the largest value open, so that errors cannot be"
+            " seen; write more digits.",
+        )
     if diagnosis.cause != "unknown" or not converging or not all(part.vanishes for part in converging):
         return diagnosis
     order = min(part.order.value for part in converging if part.order is not None)
@@ -285,6 +291,12 @@ def _without_reference(files: Sequence[FileErrors]) -> QuantityErrors | None:
         if part.quantity != "contact_force" and part.relative(part.reference_uncertainty) > DETERMINED:
             return part
     return None
+
+
+def _floors(files: Sequence[FileErrors]) -> list[float]:
+    """Return what digits and reference leave open of each quantity, relative to its scale."""
+    floors = [part.relative(part.floor) for file in files for part in file.quantities.values()]
+    return [floor for floor in floors if not math.isnan(floor)]
 
 
 def _check_steps(records: Sequence[Record]) -> None:

@@ -144,7 +144,9 @@ def _outcome(judgement: Judgement) -> str:
     if judgement.tolerance is None:
         if judgement.cause == "none":
             return TEXTS("explained")
-        return TEXTS("open") if judgement.cause == "unknown" else TEXTS("caused", cause=judgement.cause)
+        if judgement.cause == "unknown":
+            return TEXTS("unseen" if judgement.first_divergence is None else "open")
+        return TEXTS("caused", cause=judgement.cause)
     if judgement.outcome == Outcome.PASS:
         return TEXTS("passes", tolerance=judgement.tolerance)
     deciding = {
@@ -210,6 +212,9 @@ def _floor(judgement: Judgement) -> str:
 
 def _advice(judgement: Judgement) -> Iterator[str]:
     """Yield what to do next."""
+    if judgement.cause == "unknown" and judgement.first_divergence is None:
+        yield TEXTS("see_more")
+        return
     tolerance, fails = judgement.tolerance, judgement.outcome == Outcome.FAIL
     yield TEXTS("reduce") if fails and judgement.cause == "none" else TEXTS.data["advice"][judgement.cause]
     if tolerance is not None and fails and judgement.order:

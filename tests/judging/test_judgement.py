@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -305,3 +306,15 @@ def test_samples_where_the_reference_is_uncertain_are_not_called_right(tmp_path:
     assert (judgements[1].outcome, judgements[1].cause) == ("PASS", "none")
     assert (judgements[15].outcome, judgements[15].cause) == ("UNDECIDED", "unknown")
     assert "The reference is uncertain by" in judgements[15].evidence
+
+
+@pytest.mark.parametrize(("rounding", "outcome"), [(0.014, "PASS"), (0.018, "UNDECIDED"), (1.0, "UNDECIDED")])
+def test_digits_that_leave_a_percent_open_pass_nothing(rounding: float, outcome: str) -> None:
+    judged = judge_records(CHAIN, [record(dt=1.25e-7, rounding=rounding, quantities=("velocity",))])
+    assert judged.outcome == outcome
+    if outcome == "UNDECIDED":
+        words = dict(lines(judged))
+        assert words["outcome"].startswith("UNDECIDED: digits and reference explain all values")
+        assert words["divergence"].startswith("Digits and reference explain all values")
+        assert re.search(r"The digits of the file leave 0\.\d+ of the largest value open", words["cause"])
+        assert words["next"] == "A file with more digits (17) and with earlier samples shows smaller errors."

@@ -84,6 +84,9 @@ def test_the_lines_of_one_file_are_these() -> None:
     lines = dict(shown.lines(judgement_of(file_of(still), cause="unknown")))
     assert lines["contact force"] == "error at most 0.0e+00 N, +- 1e-09 N; the reference is 0 at all times"
     assert lines["divergence"] == "Digits and reference explain all values: no error can be seen in this file."
+    assert lines["outcome"].startswith("UNDECIDED: digits and reference explain all values, and leave too much open")
+    assert lines["next"] == "A file with more digits (17) and with earlier samples shows smaller errors."
+    lines = dict(shown.lines(judgement_of(cause="unknown")))
     assert lines["outcome"].startswith("UNDECIDED: the errors are larger than time step and digits explain")
     # one file without a cause: a second one helps
     assert lines["next"].endswith("tells errors of the integrator from others.")
