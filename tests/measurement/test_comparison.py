@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import binom
 
 from dem_bridge.errors import UsageError
-from dem_bridge.measurement.comparison import Comparison, Joint, compare
+from dem_bridge.measurement.comparison import Comparison, Joint, compare, word_of
 from dem_bridge.measurement.fit import Fit, chosen, fit_parameters
 from dem_bridge.measurement.parameters import changed, parameters_of
 from dem_bridge.measurement.prediction import Prediction
@@ -206,6 +206,36 @@ def test_a_sample_that_no_scene_can_have_is_refused() -> None:
 def test_a_parameter_to_fit_must_be_declared() -> None:
     with pytest.raises(UsageError, match=r"fit = 'mass' is not declared; allowed: stiffness; add it"):
         chosen(parameters_of({"stiffness": 0.1}, ROW), ["mass"])
+
+
+def test_all_parameters_of_the_whole_scene_are_fitted_unless_some_are_named() -> None:
+    declared = parameters_of({"stiffness": 0.1, "mass[0]": 0.1, "velocity": 0.1}, ROW)
+    to_fit, others = chosen(declared, None)
+    assert ([item.name for item in to_fit], [item.name for item in others]) == (["stiffness", "velocity"], ["mass[0]"])
+
+
+@pytest.mark.parametrize(
+    ("error", "bar", "word"),
+    [(0.1, 0.0625, "within"), (0.125, 0.125, "within"), (0.5, 0.125, "larger"), (0.25, 0.125, "undecided"),
+     (0.375, 0.125, "undecided")],
+)  # fmt: skip
+def test_an_error_near_a_limit_is_undecided(error: float, bar: float, word: str) -> None:
+    assert word_of(error, 0.25, bar) == word
+
+
+def test_each_sample_of_the_parameters_is_progress() -> None:
+    prediction = Prediction(scene=ROW, readings=readings_of(truth(), 0))
+    calls: list[tuple[float, int, str]] = []
+    samples, changes = prediction.samples(
+        parameters_of({"gain": 0.1}, ROW), count=3, seed=0, progress=lambda *words: calls.append(words)
+    )
+    assert calls == [(nth, 3, "samples of the parameters") for nth in range(3)]
+    # a gain multiplies every velocity
+    np.testing.assert_allclose(changes, 0.1 * samples * prediction.simulated, rtol=1e-12, atol=1e-15)
+
+
+def test_without_pulses_there_is_no_joint_comparison_of_them() -> None:
+    assert joint_of([], compared(readings_of(truth(), 0), {}, count=2)) is None
 
 
 @pytest.mark.slow

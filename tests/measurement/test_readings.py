@@ -76,6 +76,7 @@ def test_forces_arrivals_and_peaks_are_quantities_of_their_own(tmp_path: Path) -
         ("time_s,body,uncertainty_m\n0,1,0.1\n", "the file has no measured quantity; allowed: velocity"),
         ("time_s,body,velocity_m_per_s,displacement_m,uncertainty_m\n0,1,1,1,1\n", "does not say of which quantity"),
         ("time_s,body,velocity_m_per_s,uncertainty_m_per_s\n", "the file has no values"),
+        ("a,b\n1,2\n", "the file has no known heading; allowed: time, body, contact and quantities with their units"),
         ("\0\n\0\n", "cannot be read (it is not a text file in UTF-8)"),
     ],
 )

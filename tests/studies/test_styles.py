@@ -35,7 +35,7 @@ HELD = Scene(
     gravity=9.81,
     samples=20,
 )
-DT = 2e-7
+DT = 4e-7
 DAMPED = replace(HELD, name="damped", damping=Damping(law="kuwabara-kono", coefficient=2e-6), drag=50.0)
 #: its dashpot has no jump at touch that round-off could put off: gaps, so that contacts close in flight
 DASHED = replace(

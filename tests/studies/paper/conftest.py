@@ -102,7 +102,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="package")
 def results(store: Path) -> tuple[Result, ...]:
-    return tuple(map(_as_found, run_cases(tuple(_cases()), store=Store(store))))
+    return tuple(map(_as_found, run_cases(tuple(_cases()), jobs=1, store=Store(store))))
 
 
 @pytest.fixture(scope="package")
@@ -113,7 +113,9 @@ def runs(results: tuple[Result, ...]) -> Runs:
 @pytest.fixture(scope="package")
 def scattered(store: Path) -> list[ScatteredChains]:
     def of(scene: Scene) -> ScatteredChains:
-        return scatter.chains_of(scene, run_cases(scatter.cases_of(scene, spread=1.0, count=2), store=kept), spread=1.0)
+        return scatter.chains_of(
+            scene, run_cases(scatter.cases_of(scene, spread=1.0, count=2), jobs=1, store=kept), spread=1.0
+        )
 
     kept = Store(store)
     return [of(db.load_scene(name)) for name in MAIN]
