@@ -249,7 +249,7 @@ def _difference(ours: object, theirs: object) -> str:
             return f"{len(second)} numbers; the scene has {len(first)}"
         scale = max(float(np.max(np.abs(first), initial=0.0)), float(np.max(np.abs(second), initial=0.0)))
         gap = np.abs(first - second)
-        if scale == 0.0 or float(np.max(gap)) <= _SAME * scale:
+        if float(np.max(gap, initial=0.0)) <= _SAME * scale:
             return ""
         place = int(np.argmax(gap))
         where = f" at {place}" if len(first) > 1 else ""

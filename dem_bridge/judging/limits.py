@@ -20,8 +20,8 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Floats
 
-#: significant digits of LAMMPS' text dumps without a format, and of %f behind the point
-_DIGITS, _FIXED = 6, 6
+#: significant digits of LAMMPS' text dumps without a format
+_DIGITS = 6
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -550,9 +550,17 @@ def test_a_record_in_another_unit_of_time_has_its_digits_too() -> None:
     assert (changed.time.tolist(), changed.rounding["time"].tolist()) == ([0.0, 2e-3], [5e-4, 5e-4])
 
 
+def errors_of(scene: Any, records: Any) -> tuple[FileErrors, ...]:
+    """Return errors of files without a reference."""
+    return tuple(
+        FileErrors(record=each, quantities={"velocity": part(np.ones((len(each.time), 2)))}) for each in records
+    )
+
+
 @pytest.mark.parametrize("cause", ["none", "units", "mass"])
 def test_files_in_another_unit_of_time_are_judged_in_it(monkeypatch: pytest.MonkeyPatch, cause: str) -> None:
     monkeypatch.setattr(module, "_diagnosis", lambda *parts: Diagnosis(cause=cause, evidence="Units differ."))
+    monkeypatch.setattr(module, "file_errors", errors_of)
     file = replace(record(), time=1e3 * record().time)
     judgement = judge_records(CHAIN, [file])
     if cause == "mass":
@@ -568,6 +576,7 @@ def test_files_in_another_unit_of_time_are_judged_in_it(monkeypatch: pytest.Monk
 
 def test_a_scene_that_ends_with_the_file_to_a_rounding_is_not_continued(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_diagnosis", lambda *parts: Diagnosis(cause="none", evidence=""))
+    monkeypatch.setattr(module, "file_errors", errors_of)
     file = record()
     for stretch, notes in ((1.0 + 0.9e-9, 0), (1.0 + 1.5e-9, 1), (1.0 - 1e-3, 0)):
         time = file.time.copy()
