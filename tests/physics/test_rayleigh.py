@@ -33,6 +33,13 @@ def test_it_is_half_way_round_at_the_speed_of_the_surface_wave(
     )
 
 
+@pytest.mark.parametrize(("poisson", "ratio"), [(0.0, 0.8766), (0.5, 0.95815), (-0.5, 0.79505), (0.17, 0.904327)])
+def test_it_is_by_the_printed_line_in_poissons_ratio(poisson: float, ratio: float) -> None:
+    # a wave of 2 m/s around half of a sphere of 3 m; 0.1631 nu + 0.8766 is written out
+    found = rayleigh_time(radius=3.0, density=2.0, modulus=8.0, poisson=poisson)
+    assert found == pytest.approx(3.0 * math.pi / (2.0 * ratio), rel=1e-14)
+
+
 @pytest.mark.parametrize(
     ("changed", "said"),
     [

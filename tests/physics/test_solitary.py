@@ -231,7 +231,7 @@ def test_exponents_without_a_wave_are_refused(n: object) -> None:
         solitary_wave(mass=1.0, stiffness=1.0, exponent=n, peak_velocity=1.0)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("n", "why"), [(2.0 + 1e-8, "ill-conditioned"), (500.0, "too sharp")])
+@pytest.mark.parametrize(("n", "why"), [(2.0 + 1e-8, "ill-conditioned"), (500.0, "too sharp for 1024 points")])
 def test_exponents_whose_wave_does_not_converge_are_refused_with_the_reason(n: float, why: str) -> None:
     with pytest.raises(ValueError, match=rf"exponent = {n!r}: no converged solitary wave, .*{why}.*; allowed: 2.00001"):
         solitary_wave(mass=1.0, stiffness=1.0, exponent=n, peak_velocity=1.0)
@@ -247,6 +247,20 @@ def test_the_size_is_given_once(size: dict[str, float]) -> None:
 def test_other_numbers_must_be_positive(name: str) -> None:
     with pytest.raises(ValueError, match=rf"^{name} = -1.0; allowed: a finite number > 0"):
         solitary_wave(**({"mass": 1.0, "stiffness": 1.0, "exponent": 2.5, "peak_velocity": 1.0} | {name: -1.0}))
+
+
+@pytest.mark.parametrize("n", [2.5, 12.0])
+def test_a_shape_is_a_series_of_a_power_of_two_on_its_domain(n: float) -> None:
+    shape = wave_shape(n)
+    points = len(shape.overlap) - 1
+    assert points >= 64
+    assert points & (points - 1) == 0
+    assert shape.half_length == pytest.approx(2.0 + 4.0 / math.sqrt(n - 2.0), rel=1e-15)
+    x = np.array([0.0, 0.3, 1.7, 0.999 * shape.half_length, shape.half_length, 2.0 * shape.half_length, -0.3])
+    expected = [sum(a * math.cos(math.pi * j * z / shape.half_length) for j, a in enumerate(shape.overlap)) for z in x]
+    expected[4] = expected[5] = 0.0  # beyond the domain
+    assert shape.series(shape.overlap, x) == pytest.approx(expected, abs=1e-14)
+    assert shape.peaks == pytest.approx((sum(shape.overlap), sum(shape.velocity)), rel=1e-14)
 
 
 def test_a_shape_is_solved_once_and_cannot_be_changed() -> None:

@@ -16,7 +16,12 @@ from dem_bridge.trajectory import QUANTITIES
 from dem_bridge.uncertainty import fixed_step, grazes, replicas
 from dem_bridge.uncertainty.differences import absolute_differences
 from dem_bridge.uncertainty.family import TwinFamily
-from dem_bridge.uncertainty.fixed_step import displacement_uncertainty, fixed_step_uncertainty
+from dem_bridge.uncertainty.fixed_step import (
+    displacement_uncertainty,
+    fixed_step_uncertainty,
+    roundoff_part,
+    summation_part,
+)
 from tests.helpers.twin_families import OWN, PLAN, changed, family, turn
 
 EPS = float(np.finfo(float).eps)
@@ -135,6 +140,24 @@ def _misses(part: Part) -> dict[str, Any]:
 @pytest.mark.parametrize("name", PARTS)
 def test_a_part_is_as_by_hand(name: str) -> None:
     assert _misses(PARTS[name]) == {}
+
+
+@pytest.mark.parametrize(("summed", "forces"), [(None, 20.0), (0.0, 80.0), (5.0, 85.0)])
+def test_running_sums_of_forces_lose_the_last_digits_of_all_their_terms(summed: float | None, forces: float) -> None:
+    found = summation_part(family(), summed)
+    # the largest force of 20 N, four times in a sum of net forces; half a digit at each of 400 steps of 3 m/s and 3 m
+    lost = {"velocity": 600.0 * EPS, "displacement": 600.0 * EPS, "peak_force": EPS * forces, "crossing_time": 0.0}
+    assert found == pytest.approx(lost, rel=1e-12)
+    displacement = displacement_uncertainty(family())
+    assert displacement == pytest.approx((60.0 + 200.0) * EPS * 3.0, rel=1e-9)
+
+
+def test_round_off_counts_thrice_with_a_walk_of_its_last_digit() -> None:
+    found = roundoff_part(family(), dict.fromkeys(QUANTITIES, 0.0))
+    # 400 steps walk by 20 digits: of 3 m/s and 3 m, and of each contact's own force and time
+    assert (found["velocity"], found["displacement"]) == pytest.approx((180.0 * EPS, 180.0 * EPS), rel=1e-12)
+    assert found["peak_force"] == pytest.approx([600.0 * EPS, 1200.0 * EPS], rel=1e-12)
+    assert found["crossing_time"] == pytest.approx([6.0 * EPS, 12.0 * EPS], rel=1e-12)
 
 
 def test_runs_that_agree_leave_last_digits_and_the_error_of_reading() -> None:
