@@ -123,10 +123,10 @@ def march(  # type: ignore[no-untyped-def]
         if touches > 0:
             for j in range(end):
                 if (s0[j] > 0.0) != (s[j] > 0.0):
-                    k, own = j // lanes, (rate[j] + rate_next[j]) / step
-                    before = a0[j] - a0_next[j] + own * beta[j] * law_power(s0[j], law, exponent[k])
-                    after = a[j] - a_next[j] + own * f[j]
-                    numbers = (own, beta[j], law, exponent[k], rules[k], slow, drifts, kicks, step)
+                    k, mobility = j // lanes, (rate[j] + rate_next[j]) / step
+                    before = a0[j] - a0_next[j] + mobility * beta[j] * law_power(s0[j], law, exponent[k])
+                    after = a[j] - a_next[j] + mobility * f[j]
+                    numbers = (mobility, beta[j], law, exponent[k], rules[k], slow, drifts, kicks, step)
                     if s[j] > 0.0:
                         impulse, moment = touch_defect(s0[j], u0[j] - u0_next[j], before, after, *numbers)
                     else:

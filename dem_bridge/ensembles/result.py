@@ -128,8 +128,8 @@ class Ensemble:
     def _attributes(self) -> dict[str, object]:
         """Scene, seed and variation, for the attributes of frames and Datasets."""
         scene = self.variation.scene
-        named = {"scene": scene.name, "scene_hash": scene.content_hash, "seed": self.variation.seed}
-        return named | {f"vary_{key}": value for key, value in self.variation.vary.items()}
+        about = {"scene": scene.name, "scene_hash": scene.content_hash, "seed": self.variation.seed}
+        return about | {f"vary_{key}": value for key, value in self.variation.vary.items()}
 
     @property
     def long_table(self) -> pd.DataFrame:

@@ -113,19 +113,19 @@ def _blocks(
         If a block is lost twice.
     """
     pending, lost = deque(range(len(sizes))), set[int]()
-    with ExitStack() as own:
+    with ExitStack() as stack:
 
         def submit(nth: int) -> Future[dict[str, Floats]]:
             return pool.submit(solve_block, variation, nth, sizes[nth], steps, samples)
 
         away = Away[int, dict[str, Floats]](submit)
-        own.callback(away.cancel)
+        stack.callback(away.cancel)
         while pending or away.items:
             try:
                 away.fill(pending, 1 if lost else 2 * workers_of(pool))
             except BrokenExecutor:
                 workers, spawn = workers_of(pool), multiprocessing.get_context("spawn")
-                pool = own.enter_context(ProcessPoolExecutor(workers, mp_context=spawn))
+                pool = stack.enter_context(ProcessPoolExecutor(workers, mp_context=spawn))
             for nth, future in away.ended():
                 try:
                     part = future.result()

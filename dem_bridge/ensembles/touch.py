@@ -72,11 +72,11 @@ def touch_defect(  # type: ignore[no-untyped-def]
         return 0.0, 0.0
     rest, bend = step - time, acceleration + jerk * time
     # what the contact's own force, stiffness (rate t)^(n-1), takes from the overlap
-    own = mobility * stiffness * law_power(rate, law, exponent) / (exponent * (exponent + 1.0))
+    reduction = mobility * stiffness * law_power(rate, law, exponent) / (exponent * (exponent + 1.0))
     impulse, moment = 0.0, 0.0
     for node in range(rule.shape[1]):
         since = rest * rule[0, node]
-        mean = rate + since * (0.5 * bend + since * jerk / 6.0) - own * since * law_power(since, law, exponent)
+        mean = rate + since * (0.5 * bend + since * jerk / 6.0) - reduction * since * law_power(since, law, exponent)
         force = rule[1, node] * stiffness * law_power(mean, law, exponent)
         impulse += force
         moment += force * (rest - since)

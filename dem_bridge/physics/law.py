@@ -103,9 +103,9 @@ def law_of(force: Callable[[Floats], Floats], *, reach: float, kinks: Iterable[f
     overlaps = reach * np.array([[0.25, 0.5], [0.75, 1.0]])
     forces = np.asarray(force(overlaps))
     if forces.shape != overlaps.shape or forces.dtype.kind not in "fiu" or not np.isfinite(forces).all():
-        made = f"an array of shape {forces.shape} and type {forces.dtype}"
+        returned = f"an array of shape {forces.shape} and type {forces.dtype}"
         raise ValueError(
-            f"force(overlaps of shape (2, 2)) is {made}; allowed: finite numbers (N), one for each overlap"
+            f"force(overlaps of shape (2, 2)) is {returned}; allowed: finite numbers (N), one for each overlap"
         )
     # powers of 1/2 in addition: where an overlap is at least half of a panel's end, any power has full precision
     edges = np.union1d(clustered(reach, kinks, 200), reach * 2.0 ** -np.arange(60.0))

@@ -64,7 +64,7 @@ def read_npy(content: bytes) -> Table:
         return _table({name: array[name] for name in array.dtype.names})
     if array.ndim != 2:
         raise UsageError(f"the npy file has an array of shape {array.shape}; allowed: a row for each time")
-    return Table([Entry(str(k), column) for k, column in enumerate(array.T)], named=False)
+    return Table([Entry(str(k), column) for k, column in enumerate(array.T)], has_headings=False)
 
 
 def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:

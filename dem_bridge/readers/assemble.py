@@ -86,7 +86,7 @@ def draft_of_table(name: str, table: Table, scene: Scene, choices: Choices) -> D
 def _assigned(table: Table, scene: Scene, choices: Choices, notes: list[str]) -> list[tuple[Heading, Entry]]:
     """Return the entries whose headings have a meaning, with it."""
     columns = choices.columns
-    if not table.named and columns is None:
+    if not table.has_headings and columns is None:
         columns = _unnamed(table, scene, notes)
     if columns is not None and not isinstance(columns, Mapping):
         if len(columns) != len(table.entries):

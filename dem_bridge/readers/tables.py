@@ -51,7 +51,7 @@ class Table:
     notes: list[str] = field(default_factory=list)
     dt: float | None = None
     """Time step that the file states, s."""
-    named: bool = True
+    has_headings: bool = True
     """True if the file has headings."""
 
 
@@ -81,8 +81,8 @@ def read_text(text: str) -> Table:
             )
     while fewest > 1 and not any(row[fewest - 1] for row in rows):  # empty columns at the end may have no heading
         fewest -= 1
-    headings, named = _headings(plain[:begin][-_MOST_COMMENTS:], comments, (fewest, count), delimiter)
-    table = Table([], named=named)
+    headings, has_headings = _headings(plain[:begin][-_MOST_COMMENTS:], comments, (fewest, count), delimiter)
+    table = Table([], has_headings=has_headings)
     if delimiter in ";\t" and any("," in cell for cell in rows[0]):
         rows = [[cell.replace(",", ".") for cell in row] for row in rows]
         table.notes.append("numbers have decimal commas")
