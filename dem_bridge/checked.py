@@ -19,6 +19,15 @@ MOST_BODIES = 1_000_000
 SMALLEST, LARGEST = 1e-40, 1e40
 
 
+def whole_number(text: str) -> int | None:
+    """Return a whole number of at most 18 digits; None for any other text.
+
+    >>> whole_number("42"), whole_number("-1"), whole_number("9" * 19)
+    (42, None, None)
+    """
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= 18 else None
+
+
 class Numbers(NamedTuple):
     """The numbers that a field of a frozen dataclass may hold."""
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.checked import whole_number
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.judging.deck import DeckRun, UserDeck, differences
 from dem_bridge.judging.error import FileErrors
@@ -194,9 +195,7 @@ def _of_neighbours(run: DeckRun, largest: float) -> Iterator[Limit]:
         f"{neighbor.text if neighbor else 'default skin'}, {modify.text if modify else 'default neigh_modify'}"
     )
     settings_text += f"; dangerous builds: {run.dangerous}"
-    wait = max(
-        (int(settings.get(key, "0")) for key in ("every", "delay") if settings.get(key, "0").isdigit()), default=0
-    )
+    wait = max(whole_number(settings.get(key, "0")) or 0 for key in ("every", "delay"))
     length = UNITS.get(run.deck.state.units, (1.0,))[0]
     try:
         skin = float(neighbor.rest[0]) * length if neighbor else math.nan

@@ -93,7 +93,7 @@ KINDS: Mapping[str, Kind] = {
     "gain": Kind("", ""),
     "time": Kind("s", ""),
 }
-_NAME = re.compile(r"([a-z]+)(?:\[(\d+|\*)\])?")
+_NAME = re.compile(r"([a-z]+)(?:\[(\d{1,9}|\*)\])?")
 
 
 @dataclass(frozen=True, kw_only=True)

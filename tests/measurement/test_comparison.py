@@ -185,6 +185,7 @@ def test_one_place_changes_alone_and_angles_follow_their_law() -> None:
     [
         ({"colour": 0.1}, "parameter 'colour' is unknown; allowed: stiffness, mass"),
         ({"mass[4]": 0.1}, "parameter 'mass[4]'; allowed: body 0 to 3"),
+        ({f"mass[{'9' * 5000}]": 0.1}, "parameter 'mass[999"),
         ({"stiffness[3]": 0.1}, "parameter 'stiffness[3]'; allowed: contact 0 to 2"),
         ({"gain[1]": 0.1}, "parameter 'gain[1]'; allowed: no place"),
         ({"mass": -0.1}, "parameter mass = -0.1; allowed: a standard uncertainty > 0"),

@@ -126,3 +126,9 @@ def test_a_table_with_a_wrong_key_is_refused(right: str, wrong: str, said: str) 
     with pytest.raises(SceneError) as error:
         parse_scene(SCENE + TABLE.replace(right, wrong, 1), where="row.toml")
     assert said in str(error.value)
+
+
+def test_a_heading_with_a_number_of_thousands_of_digits_is_no_reading(tmp_path: Path) -> None:
+    (tmp_path / "laser.csv").write_text(f"time_s,velocity_{'1' * 5000}\n0,1\n1e-4,2\n")
+    with pytest.raises(UsageError, match=r"laser\.csv"):
+        read_measurement([tmp_path / "laser.csv"], ROW)

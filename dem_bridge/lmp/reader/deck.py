@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
+from dem_bridge.checked import whole_number
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp.reader import liggghts
 from dem_bridge.lmp.reader.fixes import Fixes, Forces
@@ -174,11 +175,9 @@ class ReadScript:
         words = command.rest
         if command.name == "dump" and self._dump is None and len(words) > 3:
             self._dump = words[0]
-            if words[3].isdigit():
-                self.dump_every = int(words[3])
+            self.dump_every = whole_number(words[3])
         elif command.name == "dump_modify" and words[:1] == (self._dump,) and "every" in words[:-1]:
-            every = words[words.index("every") + 1]
-            self.dump_every = int(every) if every.isdigit() else None
+            self.dump_every = whole_number(words[words.index("every") + 1])
 
     def _timestep(self, command: Command) -> None:
         self.step = self.script.number(command, command.rest[0]) if len(command.rest) == 1 else 0.0

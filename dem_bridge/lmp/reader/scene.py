@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from dem_bridge.checked import whole_number
 from dem_bridge.errors import BlockedScript, SceneError
 from dem_bridge.lmp.coefficients import BY_EFFECTIVE_MASS, DAMPINGS
 from dem_bridge.lmp.reader import liggghts
@@ -180,7 +181,8 @@ def _samples(script: ReadScript) -> tuple[int, str]:
     It is that of the script's first dump; decks of dem_bridge state it by ``per_sample``.
     """
     words = script.script.variables.get("per_sample", ("", ()))[1]
-    every = int(words[0]) if words and words[0].isdigit() else script.dump_every
+    every = whole_number(words[0]) if words else None
+    every = script.dump_every if every is None else every
     if every and script.steps and script.steps % every == 0:
         return script.steps // every, ""
     default = Scene.samples

@@ -763,3 +763,12 @@ def test_the_size_of_the_box_and_the_step_are_known_at_once_but_not_in_a_fix() -
     assert read(run="run $(1e-4/dt:%.0f)").scene == read().scene
     with pytest.raises(SceneError, match=r"has the formula 'step', which is not a constant"):
         read(more="variable g equal step\nfix g all gravity v_g vector 1 0 0")
+
+
+@pytest.mark.parametrize("every", ["9" * 5000, "²", "v_every"])
+def test_an_interval_of_a_dump_that_is_no_ordinary_number_leaves_the_default(every: str) -> None:
+    expected = read(dump="").scene.samples
+    assert read(dump=f"dump d all custom {every} dump.txt id x vx").scene.samples == expected
+    assert read(dump=f"dump d all custom 20 dump.txt id x vx\ndump_modify d every {every}").scene.samples == expected
+    index = f"variable per_sample index {every}"
+    assert read(dump=index).scene.samples == expected
