@@ -23,8 +23,8 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.studies.extremes.catalogue import catalogue
 from dem_bridge.studies.extremes.entry import chain, checked, expectation, kinds
-from dem_bridge.studies.extremes.judge import Expected, Standard, Word, judge, outcome
-from dem_bridge.studies.extremes.study import Row, rows_of
+from dem_bridge.studies.extremes.judge import Expected, Finding, Standard, Word, judge, outcome
+from dem_bridge.studies.extremes.study import Row, _plan, _standard, answer, rows_of
 from dem_bridge.studies.extremes.truths import apart, galilei, mirrored, two_bodies
 from dem_bridge.trajectory import UNKNOWN, Trajectory, Uncertainty
 from dem_bridge.uncertainty import fixed_step
@@ -267,3 +267,80 @@ def test_what_is_slow_or_unknown_is_left_out() -> None:
         "stiffness-1e8",
         "bodies-100000",
     }
+
+
+# made-up findings
+
+
+def _theory(truth: Trajectory | None, **changes: Any) -> Finding:
+    case = Case(scene=ALL["bodies-2"].scene, backend="bca", resolution=Resolution(), sampling=Sampling(count=4))
+    standard = Standard(says="truth", run=truth)
+    return judge(Result(case=case, trajectory=free_flight(**changes)), [standard], model=True)
+
+
+def test_a_theory_is_measured_by_its_arrivals_or_else_by_its_forces() -> None:
+    never = np.full(2, math.nan)
+    late = _theory(free_flight(), crossing_time=np.array([0.11, 0.22]))
+    # 0.01 s of 0.1 s, and 0.02 s of 0.2 s
+    assert (late.word, late.quantity, late.error) == (Word.MODEL, "crossing_time", pytest.approx(0.1))
+    weak = _theory(free_flight(crossing_time=never), peak_force=np.array([9.0, 18.0]))
+    assert (weak.word, weak.quantity, weak.error) == (Word.MODEL, "peak_force", pytest.approx(0.1))
+    nothing = _theory(free_flight(crossing_time=never, peak_force=never))
+    assert (nothing.word, nothing.quantity) == (Word.MODEL, "")
+    assert _theory(None).word is Word.MODEL
+    broken = _theory(free_flight(), velocity=np.full((5, 3), math.inf))
+    assert (broken.word, broken.reason) == (Word.WRONG, "velocities that are not finite")
+
+
+def test_a_body_without_contacts_is_judged_by_its_motion_alone() -> None:
+    alone: dict[str, Any] = {"bodies": 1, "contacts": 0, "peak_force": np.zeros(0), "crossing_time": np.zeros(0)}
+    case = Case(scene=ALL["bodies-2"].scene, backend="verlet", resolution=Resolution(), sampling=Sampling(count=4))
+    standard = Standard(says="truth", run=free_flight(**alone))
+    for shift, word in ((0.0, Word.RIGHT), (0.5, Word.WRONG)):
+        run = free_flight(**alone, velocity=np.full((5, 1), 1.0 + shift))
+        assert judge(Result(case=case, trajectory=run), [standard], model=False).word is word
+
+
+def test_what_is_left_out_or_refused_is_a_row_with_its_reason() -> None:
+    entry = replace(
+        ALL["speed-0.001"],
+        dt=1e-6,
+        left_out={"scipy": "it would take an hour"},
+        settings={"verlet": {"table_lines": 7}},
+    )
+    late, refused = rows_of([entry], ["scipy", "verlet"])
+    assert (late.finding.word, late.finding.reason, late.outcome) == (
+        Word.NOT_RUN, "it would take an hour", Outcome.NOT_RUN,
+    )  # fmt: skip
+    assert refused.finding.word is Word.REFUSED
+    assert refused.finding.reason.startswith("table_lines = 7; allowed: ")
+
+
+def test_a_truth_that_breaks_is_no_truth() -> None:
+    entry = ALL["speed-0.001"]
+    plan = _plan(entry, "verlet", 1e-6, None)
+    (truth, cases), *_ = plan.truths
+    standard = _standard(truth, [Result(case=case, failure=RunBroken("it broke")) for case in cases], plan)
+    assert standard.run is None
+    assert standard.reason == f"{cases[0].label}: it broke"
+
+
+def test_the_answer_counts_and_names_what_is_not_right() -> None:
+    def row(name: str, backend: str, **finding: Any) -> Row:
+        entry = replace(ALL["bodies-2"], scene=replace(ALL["bodies-2"].scene, name=name))
+        return Row(entry=entry, backend=backend, expected=Expected(Word.RIGHT), finding=Finding(**finding))
+
+    right = row("a", "verlet", word=Word.RIGHT, ratio=0.25, quantity="velocity", unsaid="peak_force")
+    vague = row("b", "scipy", word=Word.NO_BAR)
+    wrong = [row(f"c{k}", "verlet", word=Word.WRONG, ratio=2.0) for k in range(10)]
+    told = " ".join(answer([right, vague, *wrong]))
+    assert told == (
+        "10 of 12 results are outside their uncertainty (c0: verlet; c1: verlet; c2: verlet; c3: verlet; c4: verlet;"
+        " c5: verlet; c6: verlet; c7: verlet; and 2 more). 12 extremes were run with 2 backends: 1 right within the"
+        " uncertainty, 1 with an uncertainty of 100 % or more, 10 outside the uncertainty. The error of the right"
+        " results relative to the sum of both uncertainties is 0.25 (median) and at most 0.25 (verlet on a, velocity)."
+        " An uncertainty of 100 % or more is stated by: b: scipy. 1 of the right results have no uncertainty for one"
+        " of the quantities or for some contacts; the table of all numbers lists them. 1 of 12 outcomes are as"
+        " expected; not so: b: scipy; c0: verlet; c1: verlet; c2: verlet; c3: verlet; c4: verlet; c5: verlet; c6:"
+        " verlet; and 3 more."
+    )
