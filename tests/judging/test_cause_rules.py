@@ -273,15 +273,17 @@ def diagnosed(
     monkeypatch: pytest.MonkeyPatch, none: Fit, *, size: float = 0.1, answer: str = "unknown",
     fits: tuple[Fit, ...] = (), single_grid: bool = True, noise: float = 99.0,
 ) -> Diagnosis:  # fmt: skip
-    decision = SimpleNamespace(decide=lambda hypothesis, p: none, effect_of_noise=lambda fit: noise)
+    decision = SimpleNamespace(
+        decide=lambda hypothesis, p: none if not p.size else None, effect_of_noise=lambda fit: noise
+    )
     search = SimpleNamespace(
         decision=decision, none="none", errors=np.array([0.0, size, 0.0]), fits=lambda: list(fits), data="data"
     )
-    monkeypatch.setattr(cause, "Search", lambda scene, record, floor: search)
+    monkeypatch.setattr(cause, "Search", lambda scene, record, floor: search if floor == {"velocity": 1.0} else None)
     monkeypatch.setattr(cause, "name_cause", lambda search, none, fits: Diagnosis(cause=answer, evidence="named"))
     monkeypatch.setattr(cause, "on_single_grid", lambda data: single_grid)
     record: Any = SimpleNamespace(dt=None)
-    return cause.diagnose(CHAIN, [record])
+    return cause.diagnose(CHAIN, [record], {"velocity": 1.0})
 
 
 def test_what_digits_explain_or_nearly_explain_has_no_cause(monkeypatch: pytest.MonkeyPatch) -> None:

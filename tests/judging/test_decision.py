@@ -95,6 +95,14 @@ def test_the_error_of_an_unstable_step_is_none(size: float, sane: bool) -> None:
     assert second.ravel().tolist() == ([1.0, 0.0] if sane else [0.0, 0.0])
 
 
+def test_lists_of_other_lengths_are_an_error() -> None:
+    decision = decision_of(blocks=[block([[0.0]])])
+    decision.exact = [np.zeros((2, 1))]
+    decision.data.predict = lambda *arguments: [np.zeros((2, 1))] * 2
+    with pytest.raises(ValueError, match="zip"):
+        decision.time_step_error()
+
+
 def test_an_error_of_a_small_quantity_is_measured_by_its_own_scale() -> None:
     decision = decision_of(blocks=[block([[0.0]], scale=0.1)])
     decision.exact = [np.zeros((2, 1))]
@@ -236,6 +244,7 @@ def test_the_exact_motion_is_improved_twice() -> None:
         ([9.0, 9.0 * 0.9994, 7.0, 6.0, 5.0], 5, 5.0),
         ([9.0, 9.0 * 0.9996, 7.0], 2, 9.0 * 0.9996),  # nothing is gained
         ([9.0, 10.0, 7.0], 2, 9.0),
+        ([9.0, 9.0, 7.0], 2, 9.0),
         ([9.0, 8.0, 8.5, 1.0], 3, 8.0),
     ],
 )
@@ -246,6 +255,7 @@ def test_improvements_by_all_samples_end_when_nothing_is_gained(sizes: list[floa
     result = decision._linear_steps(hypothesis(1), np.zeros(1), stepping, np.full((4, 1), 4.0))
     assert (len(decision.tried), result.rms, result.stepping) == (count, best, stepping)
     assert decision.tried == pytest.approx([8.0 * (1.0 - 0.75**k) for k in range(count)])
+    assert result.parameters[0] == decision.tried[sizes.index(best)]
 
 
 def test_a_hypothesis_without_parameters_is_fitted_once_and_bounds_hold() -> None:
@@ -357,14 +367,59 @@ def test_a_parameter_is_found_with_the_step() -> None:
     planted = Planted(shift=3.0)
     result = planted.found(size=1)
     assert (planted.tried, list(result.parameters)) == (pytest.approx([0.02, 0.01]), [pytest.approx(3.0)])
+    # what the parameter has changed is no error of the step
+    plain, shifted = (Planted(power=3.0, size=1e12, shift=shift) for shift in (0.0, 3.0))
+    plain.found()
+    shifted.found(size=1)
+    assert shifted.tried == pytest.approx(plain.tried, rel=1e-6)
 
 
-def test_the_scene_with_the_linear_error_of_a_step_is_a_fit_too() -> None:
-    # the step makes no error: it stays, and is improved
+def test_a_step_without_an_error_stays_and_is_improved() -> None:
     planted = Planted()
     planted.decision._residual = lambda chosen, p, stepping=None: np.full(4, 5.0)
     assert planted.found().rms == 0.25
     assert planted.parts == [("improved", 0.02, [])]
+
+
+def test_ten_steps_are_tried_at_most() -> None:
+    planted = Planted()
+    asked: list[float] = []
+
+    def weight(extra: float) -> Floats:
+        asked.append(extra)
+        return np.ones(4)
+
+    planted.decision._weight = weight
+
+    def residual(chosen: Any, p: Floats, stepping: Stepping | None = None) -> Floats:
+        # whatever the step, it explains half of what is left
+        if stepping is not None:
+            planted.tried.append(stepping.dt)
+        return np.full(4, 100.0 if stepping is None else 50.0)
+
+    planted.decision._residual = residual
+    result = planted.found(error=0.02)
+    assert planted.tried == pytest.approx([0.02, *(0.02 * math.sqrt(2.0) * 2.0**k for k in range(9))])
+    assert asked == [pytest.approx(0.002)]
+    # the linear combination of the scene and the error of the first step leaves nothing
+    assert (result.rms, result.stepping) == (pytest.approx(0.0, abs=1e-6), None)
+
+
+def test_the_best_of_the_steps_is_kept_if_the_linear_combination_is_worse() -> None:
+    planted = Planted(power=3.0, size=1e12)
+    planted.decision.data.even = False
+    planted.rms = 1e9
+    plain = planted.decision._fit
+
+    def fitted(chosen: Any, p: Floats, residual: Floats, derivative: Any = None, stepping: Any = None) -> Fit:
+        result = plain(chosen, p, residual, derivative, stepping)
+        return fit(result.rms + (7.0 if stepping else 1e5), p=p, stepping=stepping)
+
+    planted.decision._fit = fitted
+    result = planted.found()
+    assert result.stepping is not None
+    assert result.stepping.dt == pytest.approx(0.01, rel=0.05)
+    assert 7.0 <= result.rms < 1e5
 
 
 def test_a_step_that_grows_without_limit_or_takes_long_ends_the_search() -> None:
@@ -380,8 +435,23 @@ def test_a_step_that_grows_without_limit_or_takes_long_ends_the_search() -> None
             return np.full(4, 100.0) - factor * 1e4 * stepping.dt**2
 
         planted.decision._residual = residual
+        planted.decision.data.interval = 5.0
         planted.found()
-        assert len(seen) == tried
+        assert (len(seen), planted.parts) == (tried, [])
+
+
+def test_a_parameter_of_the_linear_combination_is_that_of_least_squares() -> None:
+    # the error of the step has the wrong sign, so that the search ends with what it would leave
+    planted = Planted()
+
+    def residual(chosen: Any, p: Floats, stepping: Stepping | None = None) -> Floats:
+        shifted = (p[0] - 3.0) * np.array([1.0, 1.0, 0.0, 0.0])
+        return np.asarray(shifted + (50.0 if stepping is None else 75.0) * np.array([0.0, 0.0, 1.0, 0.0]))
+
+    planted.decision._residual = residual
+    result = planted.found(size=1)
+    assert (result.stepping, result.parameters[0]) == (None, pytest.approx(3.0))
+    assert result.rms == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(("error", "even", "tried"), [(0.09, True, True), (0.15, True, False), (0.09, False, False)])

@@ -73,12 +73,13 @@ def test_samples_are_compared_at_common_times_or_in_the_common_interval(times: l
 
 
 def test_files_without_a_common_interval_are_named_with_the_end_of_one_and_the_start_of_the_other() -> None:
-    times = [np.array([3.0, 4.0, 9.0]), np.array([0.0, 1.0, 2.0]), np.array([2.0, 2.5, 5.0]), np.array([1.0, 1.5, 2.5])]
+    rows = ([3.0, 4.0, 9.0], [0.0, 1.9, 1.95, 2.0], [0.5, 0.6, 0.7, 8.0], [2.9, 8.0, 9.0, 10.0], [2.0, 2.5, 5.0])
+    times = [np.array(row) for row in rows]
     with pytest.raises(UsageError, match=r"^b ends at 2 s and a begins at 3 s; "):
-        order._common_rows(times, ["a", "b", "c", "d"])
+        order._common_rows(times, [*"abcde"])
     # one common instant is no interval
-    with pytest.raises(UsageError, match=r"^b ends at 2 s and c begins at 2 s; "):
-        order._common_rows(times[1:3], ["b", "c"])
+    with pytest.raises(UsageError, match=r"^b ends at 2 s and e begins at 2 s; "):
+        order._common_rows([times[1], times[4]], ["b", "e"])
 
 
 # ---------------------------------------------------------------- errors of several files
@@ -132,6 +133,10 @@ def test_quantities_and_bodies_that_only_some_files_have_are_left_out() -> None:
     assert [part.quantity for part in convergence([first, second])] == ["velocity"]
     first.quantities["displacement"] = part_of(SHAPE, 0.0, (4, 5))
     assert [part.quantity for part in convergence([first, second])] == ["velocity"]
+    # in the order of the file of the finest step
+    both = {"velocity": first.quantities["velocity"], "displacement": part_of(SHAPE, 0.0, (0, 1), name="displacement")}
+    files = file_of("h", 1e-6, both), file_of("i", 2e-6, dict(reversed(both.items())))
+    assert [part.quantity for part in convergence(files)] == ["velocity", "displacement"]
     # body 1 alone is in both files, in other columns
     other = part_of(4e-12 * SHAPE[:, ::-1], 1e-30, (1, 7))
     (part,) = convergence([first, file_of("g", 2e-6, {"velocity": other})])
@@ -168,6 +173,12 @@ def test_errors_are_measured_along_the_shape_of_those_of_the_coarsest_file() -> 
         assert part is not None
         expected = 1.0 if along else math.sqrt(1.0 + 0.09)
         assert part.errors[0] == pytest.approx(expected / math.sqrt(2.0))
+    # ... of what is explained of the coarsest file
+    parts = samples(1.0, 4.0, 16.0, limit=9.0)
+    parts[-1] = part_of(parts[-1].error, 0.01, (0,))
+    part = order._convergence(parts, BOTH, STEPS)
+    assert part is not None
+    assert part.errors[0] == pytest.approx(1.0 / math.sqrt(2.0))
     # samples of different numbers have none either
     uneven = [np.array([0, 1]), np.array([0]), np.array([0, 1])]
     part = order._convergence(samples(1.0, 4.0, 16.0), uneven, STEPS)
