@@ -97,7 +97,7 @@ def adaptive(system, times, speed, tolerance, method, weights, errors):  # type:
             steps += 1
             left = times[row] - t
             lands = size >= 0.999 * left
-            h = left if lands else min(size, 0.5 * left) if size > 0.5 * left else size
+            h = left if lands else min(size, 0.5 * left)
             for i in range(count):
                 kv[0, i], ka[0, i] = v[i], a[i]
             for stage in range(1, stages):

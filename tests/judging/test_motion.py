@@ -149,6 +149,12 @@ def test_a_force_that_damping_turns_to_nothing_is_nothing_and_small_ones_are_lef
         f = np.zeros(4)
         kernels.forces.interpret(x, v, 3, system, f)
         np.testing.assert_allclose(f, contact_forces(x, v, system), rtol=1e-12, atol=1e-15)
+    # walls that are apart
+    gaps = {"wall_left": Wall(stiffness=3e9, gap=2e-6), "wall_right": Wall(stiffness=5e9, gap=3e-6)}
+    system, f = Model(replace(CHAIN, **gaps)).system, np.zeros(4)  # type: ignore[arg-type]
+    x = np.array([-5e-6, 0.0, 7e-6])
+    kernels.forces.interpret(x, np.zeros(3), 3, system, f)
+    np.testing.assert_allclose(f, [3e9 * 3e-6**1.5, 0.0, 0.0, 5e9 * 4e-6**1.5], rtol=1e-9)
     # a pulling contact is as stiff as a pushing one, and open by less than a metre
     pulling = Model(replace(CHAIN, exponent=(2.5, 2.2), wall_left=None, wall_right=None)).system._replace(pulls=True)
     x, f = np.array([0.0, 1e-6, 0.5]), np.zeros(4)
