@@ -306,7 +306,9 @@ def test_the_first_samples_lead_to_the_parameters_of_all() -> None:
 class Planted:
     """A file by a method of power 2 at the step 0.01: the error of the step is ``c (dt^power - 0.01^power)``."""
 
-    def __init__(self, *, power: float = 2.0, size: float = 1e4, shift: float = 0.0, **fields: Any) -> None:
+    def __init__(
+        self, *, power: float = 2.0, size: float = 1e4, shift: float = 0.0, target: float = 0.01, **fields: Any
+    ) -> None:
         self.tried: list[float] = []
         self.parts: list[Any] = []
         self.rms = 0.25
@@ -314,7 +316,7 @@ class Planted:
         self.decision = decision_of(time=(0.0, 1.0, 2.0), blocks=[block(np.zeros((4, 1)))], step=0.02, **fields)
 
         def residual(chosen: Any, p: Floats, stepping: Stepping | None = None) -> Floats:
-            error = -(0.01**power)
+            error = -(target**power)
             if stepping is not None:
                 self.tried.append(stepping.dt)
                 error += stepping.dt**power
@@ -423,7 +425,8 @@ def test_the_best_of_the_steps_is_kept_if_the_linear_combination_is_worse() -> N
 
 
 def test_a_step_that_grows_without_limit_or_takes_long_ends_the_search() -> None:
-    for factor, tried in ((-2.0, 1), (1e-12, 1)):  # the error of a step has the wrong sign, or is nothing beside it
+    # the error of a step has the wrong sign, or is a billionth of the difference
+    for factor, tried in ((-2.0, 1), (1e-12, 1), (25.0 / 1.5e9, 1)):
         planted = Planted()
         seen: list[float] = []
 
@@ -438,6 +441,11 @@ def test_a_step_that_grows_without_limit_or_takes_long_ends_the_search() -> None
         planted.decision.data.interval = 5.0
         planted.found()
         assert (len(seen), planted.parts) == (tried, [])
+    # a step of which 400,000 make the run, 2 s, is tried, and a shorter one is not
+    for step, tried in ((6e-6, 2), (4e-6, 1)):
+        planted = Planted(size=1e14, target=step)
+        planted.found()
+        assert len(planted.tried) == tried
 
 
 def test_a_parameter_of_the_linear_combination_is_that_of_least_squares() -> None:
@@ -463,12 +471,24 @@ def test_steps_nearby_are_tried_at_last(error: float, even: bool, tried: bool) -
     planted.decision._residual = lambda chosen, p, stepping=None: plain(chosen, p, stepping) + kink
     planted.decision._whole = lambda dt: 0.0125 if abs(dt - 0.0125) < 0.006 else dt
     planted.rms = 50.0
-    planted.found(error=error)
+    result = planted.found(error=error)
     ways = [part for part in planted.parts if part[0] == "tried"]
     assert bool(ways) is tried
     if tried:
         # 40 steps in an interval of 0.5, and those from 12 % fewer to 12 % more
         assert ways == [("tried", [], VERLET, list(range(35, 46)))]
+        assert result.rms == 0.5
+
+
+@pytest.mark.parametrize(("count", "tried"), [(1.9, 0), (2.0, 1), (2.1, 1), (3.0, 1)])
+def test_steps_nearby_are_tried_where_two_make_an_interval(count: float, tried: int) -> None:
+    planted = Planted(target=0.5 / count, size=1e4)
+    plain, kink = planted.decision._residual, np.array([0.0, 0.0, 0.0, 9.0])
+    planted.decision._residual = lambda chosen, p, stepping=None: plain(chosen, p, stepping) + kink
+    planted.decision._whole = lambda dt: 0.5 / count
+    planted.rms = 50.0
+    planted.found()
+    assert [part[0] for part in planted.parts].count("tried") == tried
 
 
 def test_weights_leave_small_values_no_more_weight_than_large_ones() -> None:
