@@ -10,7 +10,8 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.observables.ledger import Ledger, energy_ledger
-from dem_bridge.scene import Scene
+from dem_bridge.scene import Damping, Scene
+from tests.helpers.fake_runs import free_flight, uncertain
 
 E = 0.7
 
@@ -41,6 +42,45 @@ def test_the_balance_is_zero_and_more_samples_make_it_smaller(cradle: tuple[db.S
     assert np.max(np.abs(ledger.balance)) < 1e-6 * _start(ledger)
     assert ledger.dissipated.shape == (len(run.time), 4)
     assert np.all(np.diff(ledger.dissipated, axis=0) > -1e-9 * _start(ledger))
+
+
+@pytest.mark.parametrize("clip", [True, False])
+def test_what_dashpots_take_at_constant_speeds_is_power_times_time(clip: bool) -> None:
+    # springs of 10 N/m and dashpots of 1 N s/m; contact 0 closes after half a second by 1 m/s, contact 1 has an overlap
+    # of 1 m and opens by 2 m/s until the same time
+    scene = Scene(
+        name="three", duration=1.0, mass=(2.0, 4.0, 8.0), stiffness=(10.0, 10.0), exponent=2.0, gap=(0.5, -1.0),
+        velocity=(2.0, 1.0, 3.0), damping=Damping(law="dashpot", coefficient=1.0, clip=clip),
+    )  # fmt: skip
+    speed = np.array([2.0, 1.0, 3.0])
+    run = free_flight(samples=20, uncertainty=uncertain(velocity=0.1, displacement=0.01))
+    run = replace(run, velocity=np.ones((21, 1)) * speed, displacement=run.time[:, None] * speed)
+    ledger = energy_ledger(scene, run)
+    t = run.time
+    assert ledger.dissipated[:, 0] == pytest.approx(np.maximum(t - 0.5, 0.0), abs=1e-12)
+    # the dashpot pulls with 2 N; clipped, with no more than the spring's 10 (1 - 2 t) N, from 0.4 s on
+    pulled = 4.0 * np.minimum(t, 0.5)
+    late = np.clip(t, 0.4, 0.5)
+    kept = 1.6 + 20.0 * (late - late**2 - 0.24)
+    assert ledger.dissipated[:, 1] == pytest.approx(np.where(t > 0.4, kept, pulled) if clip else pulled, abs=1e-12)
+    assert ledger.kinetic == pytest.approx(np.full(21, 0.5 * (2.0 * 4.0 + 4.0 + 8.0 * 9.0)), rel=1e-14)
+    stored = 5.0 * np.stack([np.maximum(t - 0.5, 0.0) ** 2, np.maximum(1.0 - 2.0 * t, 0.0) ** 2], axis=1)
+    assert ledger.stored == pytest.approx(stored, abs=1e-13)
+    assert (ledger.drag == 0.0).all()
+    assert (ledger.work == 0.0).all()
+    balance = ledger.stored.sum(axis=1) - 5.0 + ledger.dissipated.sum(axis=1)
+    assert ledger.balance == pytest.approx(balance, abs=1e-12)
+    # closing at 1.2 m/s instead of 1 m/s for half a second, and a share of what is out of balance
+    share = 0.5 / float(ledger.dissipated[-1].sum()) * float(np.max(np.abs(balance)))
+    assert ledger.dissipated_uncertainty[0] == pytest.approx(0.22 + share, rel=1e-9)
+    if not clip:
+        share = 2.0 / 2.5 * float(np.max(np.abs(balance)))
+        assert ledger.dissipated_uncertainty[1] == pytest.approx(0.5 * (2.2**2 - 4.0) + share, rel=1e-9)
+    for lost in (uncertain(velocity=np.inf), uncertain(displacement=np.inf)):
+        assert np.isinf(energy_ledger(scene, replace(run, uncertainty=lost)).dissipated_uncertainty).all()
+    free = energy_ledger(replace(scene, damping=None), run)
+    assert (free.dissipated == 0.0).all()
+    assert (free.dissipated_uncertainty == 0.0).all()
 
 
 @pytest.mark.parametrize(

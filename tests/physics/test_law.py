@@ -131,6 +131,14 @@ def test_without_energy_the_reach_is_the_next_power_of_two() -> None:
     assert [reach_of(law, 0.0, near=near) for near in (0.25, 0.26, 0.5)] == [0.25, 0.5, 0.5]
 
 
+@pytest.mark.parametrize("near", [0.125, 0.25, 0.5, 1.0, 4.0])
+@pytest.mark.parametrize("reach", [0.5, 0.375, 0.28125])
+def test_an_overlap_that_stores_the_very_energy_is_its_reach(near: float, reach: float) -> None:
+    # overlaps of few digits, whose squares are exact: 0.5, and after one and four halvings of 0.25 to 0.5
+    law = ContactLaw(force=lambda d: 2.0 * d, energy=lambda d: d * d)
+    assert reach_of(law, reach**2, near=near) == reach
+
+
 def _beyond(limit: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda overlap: np.where(overlap <= limit, 2.0 * overlap, np.nan)
 
