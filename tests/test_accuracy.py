@@ -428,3 +428,9 @@ def test_a_grid_convergence_index_takes_three_and_three(spacing: list[float], va
         grid_convergence_index(spacing, values)
     with pytest.raises(UsageError, match=r"safety = 0.5; allowed: a number >= 1"):
         grid_convergence_index(*NASA, safety=0.5)
+
+
+@pytest.mark.parametrize("order", [0.0, -1.0, math.inf, math.nan])
+def test_an_order_that_is_none_is_refused(order: float) -> None:
+    with pytest.raises(UsageError, match=f"order = {order!r}; allowed: the method's formal order, a number > 0"):
+        richardson([4e-8, 2e-8, 1e-8], [1.16, 1.04, 1.01], order=order)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Schedule, extremes, schedule
+from dem_bridge.errors import UsageError
 from tests.helpers.strategies import log_uniform
 
 Floats = NDArray[np.float64]
@@ -198,3 +199,8 @@ def test_a_stiff_law_extrapolates_a_tiny_force_by_a_huge_ratio() -> None:
     assert crossing[0] == pytest.approx(0.5)
     # 49 times the last digits of the ratio's logarithm
     assert peak[0] == pytest.approx(1e40 * (1.0 + shallow) ** power, rel=1e-11)
+
+
+def test_more_steps_than_lammps_can_count_are_refused() -> None:
+    with pytest.raises(UsageError, match=r"dt = 1e-13 s needs 1e\+13 steps; allowed: up to \d"):
+        schedule(duration=1.0, samples=10, dt=1e-13, frequency=1e5, bodies=2)

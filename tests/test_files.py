@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.files import named_file, text_of_file, write_whole
+from dem_bridge.files import check_file, named_file, text_of_file, write_whole
 
 
 def _all(folder: Path) -> list[str]:
@@ -82,3 +82,9 @@ def test_a_named_file_is_below_the_folder_unless_the_user_says_otherwise(
     assert named_file(inner, "../up.csv") == inner / "../up.csv"
     with pytest.raises(OSError, match="not below"):
         named_file(inner, "/etc/passwd")
+
+
+def test_a_name_that_no_file_can_have_is_no_output(tmp_path: Path) -> None:
+    for name in (300 * "a", "a\0b"):
+        with pytest.raises(UsageError, match="no file can have this name; allowed: at most 255 bytes, without NUL"):
+            check_file(tmp_path / name)

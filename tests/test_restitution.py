@@ -6,13 +6,14 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.physics.exact import linear_restitution
 from dem_bridge.physics.stages import linear_drop
-from dem_bridge.restitution import impact_facts
+from dem_bridge.restitution import impact_facts, restitution
 from dem_bridge.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.trajectory import load_trajectory
 
@@ -108,3 +109,25 @@ def test_a_run_without_a_restitution_says_so_in_one_line() -> None:
             _ = run.restitution
         assert said in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+FACTS = {"gap": 0.0, "bodies": (0, 1), "acceleration": 0.0, "drag": 0.0, "clipped_spring": None}
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "value"),
+    [
+        # bodies that part at half of the speed of approach, that stay together, and that never approached
+        ([1.0, 0.0], [0.0, 0.5], 0.5),
+        ([1.0, 0.5], [0.0, 0.5], math.nan),
+        ([0.0, 0.0], [1.0, 1.5], math.nan),
+    ],
+)
+def test_without_approach_or_separation_there_is_no_restitution(
+    left: list[float], right: list[float], value: float
+) -> None:
+    time = np.array([0.0, 1.0])
+    velocity = np.array([left, right]).T
+    displacement = np.array([[0.0, 0.0], [0.0, 0.25]])
+    found = restitution(time, displacement, velocity, 0.5, FACTS)
+    assert found == pytest.approx(value, nan_ok=True)
