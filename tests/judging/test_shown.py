@@ -414,6 +414,22 @@ def test_a_reference_that_is_uncertain_by_a_percent_hides_errors(monkeypatch: py
             assert diagnosis.cause == "unknown"
     force = file_of(part(ERROR, name="contact_force", reference=1.0))
     assert module._diagnosis(CHAIN, [force], {}, ()) is none
+    # a percent that digits leave open of every quantity hides errors, too; a quantity without a scale does not count
+    for share, uncertain in ((0.009, False), (0.01, False), (0.015, True)):
+        rough = part(10.0 * np.array(ERROR), explained=2.0 * share)
+        for parts, hidden in (
+            ([rough], uncertain),
+            ([rough, part(ERROR, name="displacement", scale=0.0)], uncertain),
+            ([rough, part(ERROR, name="displacement")], False),
+        ):
+            diagnosis = module._diagnosis(CHAIN, [file_of(*parts)], {}, ())
+            assert (diagnosis.cause == "unknown") is hidden
+            if hidden:
+                assert diagnosis.evidence == (
+                    "The digits of the file leave 0.015 of the largest value open, so that errors cannot be seen; write"
+                    " more digits."
+                )
+    assert module._diagnosis(CHAIN, [file_of(part(ERROR, scale=0.0))], {}, ()) is none
     explained = file_of(part(0.0 * np.array(ERROR)))
     assert module._diagnosis(CHAIN, [explained], {}, ()) is module.EXPLAINED
     assert module._diagnosis(CHAIN, [explained, force], {}, ()) is none
@@ -469,6 +485,7 @@ def test_samples_after_twenty_durations_of_a_scene_that_stays_together_are_not_j
     judged, notes = module._checked(plain([0.0, D, 20.0 * D, 20.1 * D, 21.0 * D]), walled)
     assert judged.values["velocity"][:, 0].tolist() == [0.0, 1.0, 2.0]
     assert notes == ["f: 2 samples after 0.004 s, 20 times the scene, are not judged."]
+    assert len(module._checked(plain([0.0, D, 21.0 * D]), walled)[0].time) == 2
     with pytest.raises(UsageError) as refused:
         module._checked(plain([0.0, 21.0 * D, 99.0 * D]), walled)
     assert str(refused.value) == (
@@ -530,6 +547,10 @@ def test_values_that_are_no_motion_are_refused() -> None:
         with pytest.raises(UsageError, match=problem):
             module._checked(plain(time), CHAIN)
     assert module._checked(plain([1e-6, 2e-6]), CHAIN)[1] == []
+    # a quantity without columns beside another one
+    file = plain([1e-6, 2e-6])
+    values = {**file.values, "displacement": np.zeros((2, 0))}
+    assert module._checked(replace(file, values=values), CHAIN)[1] == []
 
 
 @pytest.mark.parametrize(
@@ -596,5 +617,5 @@ def test_some_files_without_a_step_beside_others_are_refused() -> None:
     time = [0.0, 1e-6]
     module._check_steps([plain(time), plain(time)])
     module._check_steps([plain(time, dt=1e-6), plain(time, dt=2e-6)])
-    with pytest.raises(UsageError, match=r"^f has no time step, but another file has one; .*: f@DT$"):
-        module._check_steps([plain(time, dt=1e-6), plain(time)])
+    with pytest.raises(UsageError, match=r"^g has no time step, but another file has one; .*: g@DT$"):
+        module._check_steps([plain(time, dt=1e-6), replace(plain(time), name="g")])
