@@ -233,8 +233,9 @@ def _replace(old: Any, new: Any, name: str) -> None:
         old.__defaults__, old.__kwdefaults__ = new.__defaults__, new.__kwdefaults__
     elif isinstance(new, type):
         for key, value in vars(new).items():
-            if isinstance(value, FunctionType):
-                _replace(vars(old)[key], value, key)
+            new_value, old_value = (getattr(each, "__func__", each) for each in (value, vars(old)[key]))
+            if isinstance(new_value, FunctionType):  # that of a named tuple is static
+                _replace(old_value, new_value, key)
             elif not key.startswith("__"):
                 with contextlib.suppress(AttributeError):
                     setattr(old, key, value)

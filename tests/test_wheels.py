@@ -75,12 +75,13 @@ def test_the_sample_of_faults_is_the_same_every_time_and_changes_one_line_each()
 
 
 #: a number in the source, and what sees it when it is doubled: a function, another module's name for a constant, the
-#: default of an argument and that of a field
+#: default of an argument and that of a field of a class or of a named tuple
 PLANTED = (
     ("physics/elliptic.py", "mean, geometric, term, weight, share", "0.5", "elliptic.ellipse_integrals(0.5)"),
     ("judging/fitting.py", "SEARCH, DECISION = ", "1e-13", "decision.DECISION"),
     ("physics/impact.py", "def restitution_of_alpha", "2.5", "impact.restitution_of_alpha(0.1, clip=True)"),
     ("judging/hypotheses.py", "reach: float", "1.5", "hypotheses.Hypothesis('', float, '').reach"),
+    ("judging/hypotheses.py", "scale: float", "1.0", "hypotheses.Variant(None).scale"),
 )
 
 

@@ -231,7 +231,7 @@ def _of_own_dump(deck: UserDeck) -> Iterator[Limit]:
                 advice="add vx vy vz: velocities are the sharpest observable",
             )
         formats = [
-            " ".join(command.rest[1:])
+            " ".join(command.rest)
             for command in deck.commands
             if command.name == "dump_modify" and command.rest[:1] == dump.rest[:1] and "format" in command.rest
         ]

@@ -391,7 +391,6 @@ def test_skins_that_bodies_cross_unseen_are_risky(
         (("dump 1 all custom 10 f vx", "dump_modify 2 format float %.17g"), {"digits of own dump 1": ("6", 5e-6)}),
         (("dump 1 all custom 10 f vx", "dump_modify 1 sort %.17g"), {"digits of own dump 1": ("6", 5e-6)}),
         (("dump 1 all custom 10 f vx", "undump 1 format %.17g"), {"digits of own dump 1": ("6", 5e-6)}),
-        (("dump %.17g all custom 10 f vx", "dump_modify %.17g format d"), {"digits of own dump %.17g": ("6", 5e-6)}),
     ],
 )  # fmt: skip
 def test_what_the_own_dump_of_a_deck_loses_is_said(lines: tuple[str, ...], rows: dict[str, tuple[str, float]]) -> None:

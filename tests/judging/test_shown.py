@@ -549,8 +549,8 @@ def test_values_that_are_no_motion_are_refused() -> None:
     assert module._checked(plain([1e-6, 2e-6]), CHAIN)[1] == []
     # a quantity without columns beside another one
     file = plain([1e-6, 2e-6])
-    values = {**file.values, "displacement": np.zeros((2, 0))}
-    assert module._checked(replace(file, values=values), CHAIN)[1] == []
+    more = {**file.values, "displacement": np.zeros((2, 0))}
+    assert module._checked(replace(file, values=more), CHAIN)[1] == []
 
 
 @pytest.mark.parametrize(
