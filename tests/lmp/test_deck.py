@@ -19,6 +19,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsTable
 from dem_bridge.backends.prescan import surrogate_radius
 from dem_bridge.dense import Schedule, schedule
+from dem_bridge.drive import Drive
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
@@ -665,6 +666,63 @@ def test_masses_are_set_by_groups_of_equal_neighbours_up_to_three_hundred() -> N
     assert sets(301) == (["set             group all mass v_mass"], True)
     grouped = replace(HELD, mass=(1e-2, 1e-2))
     assert "set             atom 2*3 mass 0.01\n" in _deck(grouped).files["in.pair"]
+
+
+TABLE = Drive(shape="table", force=(0.0, 800.0, -300.0, 100.0), interval=4e-5)
+#: changes of a pair -> its lines of groups and fixes, and of gravity and drag
+OUTER: dict[str, tuple[dict[str, Any], list[str], list[str]]] = {
+    "alone": ({}, ["fix motion all nve"], []),
+    "gravity": (
+        {"gravity": 3.0}, ["fix motion all nve", "fix weight all gravity ${gravity} vector 1 0 0"],
+        ["variable gravity index 3.0 # m/s^2"],
+    ),
+    "left wall": (
+        {"wall_left": Wall(stiffness=1e9), "gravity": -3.0},
+        ["group walls id 1", "group bodies subtract all walls", "fix motion bodies nve",
+         "fix weight bodies gravity ${gravity} vector -1 0 0"],
+        ["variable gravity index 3.0 # m/s^2"],
+    ),
+    "right wall": (
+        {"wall_right": Wall(stiffness=1e9), "drag": 4.0},
+        ["group walls id 3", "group bodies subtract all walls", "fix motion bodies nve",
+         "fix drag bodies langevin 0 0 ${drag_time} 1"],
+        ["variable drag_time index 0.25 # s; the drag force is -mass * velocity / drag_time"],
+    ),
+    "walls": (
+        {"wall_left": Wall(stiffness=1e9), "wall_right": Wall(stiffness=1e9), "drive": TABLE},
+        ["group walls id 1 4", "group bodies subtract all walls", "fix motion bodies nve", "group driven id 2",
+         "fix drive driven addforce v_drive 0 0"],
+        [],
+    ),
+    "drive": (
+        {"drive": Drive(shape="sine", force=50.0, frequency=5e3)},
+        ["fix motion all nve", "group driven id 1", "fix drive driven addforce v_drive 0 0"], [],
+    ),
+    "precompression": (
+        {"precompression": 5.0, "exponent": 2.5, "gap": 0.0},
+        ["fix motion all nve", "group load0 id 1", "fix load0 load0 addforce 5.0 0 0", "group load1 id 2",
+         "fix load1 load1 addforce -5.0 0 0"],
+        [],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "fixes", "variables"), OUTER.values(), ids=OUTER)
+def test_outer_forces_are_fixes_of_groups(changes: dict[str, Any], fixes: list[str], variables: list[str]) -> None:
+    scene = replace(PAIR, **changes)
+    deck = _deck(scene)
+    lines = [" ".join(line.split()) for line in deck.files["in.pair"].splitlines()]
+    assert [line for line in lines if line.startswith(("group ", "fix "))] == fixes
+    names = ("variable gravity", "variable drag_time")
+    assert [line for line in lines if line.startswith(names)] == variables
+    assert any(line.startswith("variable drive ") for line in lines) == (scene.drive is not None)
+    # a table has a file of its own
+    assert set(deck.files) == {"in.pair", "data.pair", *(["drive.pair"] if scene.drive is TABLE else [])}
+    if scene.drive is TABLE:
+        assert " force on body 0 in N of pair, written by" in deck.files["drive.pair"].splitlines()[0]
+    assert deck.weight.tolist() == [0.0] * bool(scene.wall_left) + [
+        m * scene.gravity + load for m, load in zip(scene.mass, scene.load.tolist(), strict=True)
+    ] + [0.0] * bool(scene.wall_right)
 
 
 def test_rows_are_written_in_blocks() -> None:
