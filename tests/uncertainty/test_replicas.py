@@ -130,7 +130,9 @@ def test_a_force_is_as_uncertain_as_its_overlap_times_the_power() -> None:
         still = replica_uncertainty(
             replace(run, velocity=0.0 * run.velocity), [replace(run, velocity=0.0 * run.velocity)], rule
         )
-        assert still["peak_force"] == pytest.approx(16 * 2.0**-52 * 30.0 * np.array([1.5, 49.0, 1.0]), rel=1e-12)
+        assert still["peak_force"] == pytest.approx(
+            16 * 2.0**-52 * 30.0 * np.array([1.5, 49.0, 1.0]), rel=1e-12, abs=0.0
+        )
 
 
 def test_in_a_precompressed_chain_forces_are_no_less_uncertain_than_velocities() -> None:

@@ -147,24 +147,24 @@ def test_running_sums_of_forces_lose_the_last_digits_of_all_their_terms(summed: 
     found = summation_part(family(), summed)
     # the largest force of 20 N, four times in a sum of net forces; half a digit at each of 400 steps of 3 m/s and 3 m
     lost = {"velocity": 600.0 * EPS, "displacement": 600.0 * EPS, "peak_force": EPS * forces, "crossing_time": 0.0}
-    assert found == pytest.approx(lost, rel=1e-12)
+    assert found == pytest.approx(lost, rel=1e-12, abs=0.0)
     displacement = displacement_uncertainty(family())
-    assert displacement == pytest.approx((60.0 + 200.0) * EPS * 3.0, rel=1e-9)
+    assert displacement == pytest.approx((60.0 + 200.0) * EPS * 3.0, rel=1e-9, abs=0.0)
 
 
 def test_round_off_counts_thrice_with_a_walk_of_its_last_digit() -> None:
     found = roundoff_part(family(), dict.fromkeys(QUANTITIES, 0.0))
     # 400 steps walk by 20 digits: of 3 m/s and 3 m, and of each contact's own force and time
-    assert (found["velocity"], found["displacement"]) == pytest.approx((180.0 * EPS, 180.0 * EPS), rel=1e-12)
-    assert found["peak_force"] == pytest.approx([600.0 * EPS, 1200.0 * EPS], rel=1e-12)
-    assert found["crossing_time"] == pytest.approx([6.0 * EPS, 12.0 * EPS], rel=1e-12)
+    assert (found["velocity"], found["displacement"]) == pytest.approx((180.0 * EPS, 180.0 * EPS), rel=1e-12, abs=0.0)
+    assert found["peak_force"] == pytest.approx([600.0 * EPS, 1200.0 * EPS], rel=1e-12, abs=0.0)
+    assert found["crossing_time"] == pytest.approx([6.0 * EPS, 12.0 * EPS], rel=1e-12, abs=0.0)
 
 
 def test_runs_that_agree_leave_last_digits_and_the_error_of_reading() -> None:
     found = fixed_step_uncertainty(family())
     # three random walks of 400 last digits, and half a last digit at each of them
-    assert found["velocity"] == found["displacement"] == pytest.approx((3 * 20 + 200) * EPS * 3.0, rel=1e-9)
-    assert found["peak_force"] == pytest.approx([1e-9 + 620 * EPS, 2e-9 + 1220 * EPS], rel=1e-9)
+    assert found["velocity"] == found["displacement"] == pytest.approx((3 * 20 + 200) * EPS * 3.0, rel=1e-9, abs=0.0)
+    assert found["peak_force"] == pytest.approx([1e-9 + 620 * EPS, 2e-9 + 1220 * EPS], rel=1e-9, abs=0.0)
     assert found["crossing_time"] == pytest.approx([2.5e-5 * 0.025] * 2, rel=1e-6)
     assert found.parts["last_digit"] == 20 * EPS
     assert found.roundoff_floor == 0.0
