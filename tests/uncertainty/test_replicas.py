@@ -72,6 +72,18 @@ def test_an_uncertainty_is_the_largest_difference_times_its_factor(name: str) ->
     assert found["crossing_time"][0] == 16 * 2.0**-52 * run.time[-1]
 
 
+def test_tolerances_of_the_largest_speed_are_the_least_of_velocities_and_with_the_duration_of_displacements() -> None:
+    run = replace(free_flight(duration=2.0), provenance={"settings": {"rtol": 1e-6}})
+    rule = replace(REFERENCE, tolerances=32.0)
+    # 32e-6 of 3 m/s
+    for moved, velocity in ((0.0, 96e-6), (1e-5, 96e-6), (1e-3, 9e-3)):
+        found = replica_uncertainty(run, [replace(run, velocity=run.velocity + moved)], rule)
+        assert found["velocity"] == pytest.approx(velocity, rel=1e-6)
+        assert found["displacement"] == pytest.approx(2.0 * 96e-6, rel=1e-6)
+    far = replica_uncertainty(run, [replace(run, displacement=run.displacement + 1e-3)], rule)
+    assert far["displacement"] == pytest.approx(9e-3, rel=1e-6)
+
+
 def test_displacements_beyond_a_gap_lose_its_last_digit_at_every_step() -> None:
     run = free_flight(bodies=2, contacts=1)
     run = replace(run, cost=replace(run.cost, steps=1000))
@@ -95,7 +107,7 @@ def test_a_damping_force_with_a_singular_end_makes_velocities_uncertain(
     run = replace(free_flight(bodies=2, contacts=1), provenance={"settings": {"rtol": 3e-14}})
     speed = np.max(np.abs(run.velocity))
     uncertainty = replica_uncertainty(run, [run], rule)
-    assert uncertainty["velocity"] == pytest.approx(max(tolerances * 3e-14, 16 * 2.0**-52) * speed, rel=1e-2)
+    assert uncertainty["velocity"] == pytest.approx(max(tolerances * 3e-14, 16 * 2.0**-52) * speed, rel=1e-2, abs=0.0)
     assert uncertainty["displacement"] >= tolerances * 3e-14 * speed * run.time[-1]
 
 
