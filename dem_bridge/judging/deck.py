@@ -247,9 +247,8 @@ def _difference(ours: object, theirs: object) -> str:
         first, second = np.atleast_1d(ours).astype(float), np.atleast_1d(theirs).astype(float)
         if len(first) != len(second):
             return f"{len(second)} numbers; the scene has {len(first)}"
-        scale = max(float(np.max(np.abs(first), initial=0.0)), float(np.max(np.abs(second), initial=0.0)))
         gap = np.abs(first - second)
-        if float(np.max(gap, initial=0.0)) <= _SAME * scale:
+        if np.max(gap, initial=0.0) <= _SAME * np.max(np.abs([first, second]), initial=0.0):
             return ""
         place = int(np.argmax(gap))
         where = f" at {place}" if len(first) > 1 else ""

@@ -397,6 +397,8 @@ def mixed(share: int) -> Floats:
         ((SINGLES + 1.05 * 0.24 * HALF,), 0.24 * HALF, True),
         ((SINGLES + 1.5 * 0.24 * HALF,), 0.24 * HALF, False),
         ((SINGLES + 0.3 * HALF,), 0.3 * HALF, False),
+        ((SINGLES + 0.1 * HALF,), 0.25 * HALF, False),
+        ((np.where(np.arange(100) < 40, 0.0, mixed(96)),), 0.0, False),  # a body at rest tells nothing
         ((SINGLES,), 0.3 * HALF, True),
         ((SINGLES * (1.0 + 2.0**-51),), 0.0, True),
         ((SINGLES * (1.0 + 3.0 * 2.0**-51),), 2.0**-53, False),
@@ -430,6 +432,7 @@ def grid(power: int, share: int = 100, off: float = 0.0) -> Floats:
         # digits of more than a quarter of the grid do not resolve it; values may be off by them
         ((grid(30, off=0.2),), 0.2 * 2.0**-30, True),
         ((grid(30, off=0.3),), 0.3 * 2.0**-30, False),
+        ((grid(30, off=0.1),), 0.25 * 2.0**-30, False),
         ((grid(30, off=0.15),), 0.1 * 2.0**-30, False),
         ((grid(30, off=0.105),), 0.1 * 2.0**-30, True),
     ],

@@ -75,6 +75,8 @@ def test_files_that_cannot_be_read_are_no_decks(tmp_path: Path) -> None:
         ((1e-6,), (1e-6 * (1.0 + 1e-7),), "1.0000001e-06; the scene has 1e-06"),
         ((1e-6 * (1.0 + 1e-7),), (1e-6,), "1e-06; the scene has 1.0000001e-06"),
         ((1.0, 2.0), (1.0, 3.0), "3 at 1; the scene has 2"),
+        ((0.0, 2.0), (0.0, 2.0 + 1e-12), ""),
+        ((0.0, 0.0), (0.0, 3.0), "3 at 1; the scene has 0"),
         ((1.0, 2.0, 5.0), (1.5, 4.0, 5.0), "4 at 1; the scene has 2"),
         ((), (), ""),
         ((), (1.0,), "1 numbers; the scene has 0"),
@@ -215,6 +217,39 @@ def test_a_copy_of_a_deck_runs_with_one_line_more(
         "run 10",
         "print done",
     ]
+
+
+def test_a_deck_is_read_from_the_end_at_which_it_is_most_like_the_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "in.x"
+    path.write_text("units si\nprint here\n")
+    plain = deck.user_deck(path, PAIR)
+    assert (plain.read, plain.mirrored, len(plain.problems)) == (None, False, 1)
+    assert [command.text for command in plain.commands] == ["units si", "print here"]
+    monkeypatch.setattr(deck, "read_deck", lambda text, reverse, **words: SimpleNamespace(scene=int(reverse)))
+    for counts, mirrored in (((2, 2), False), ((2, 1), True), ((1, 2), False)):
+        monkeypatch.setattr(deck, "differences", lambda scene, end, counts=counts: range(counts[end]))
+        user: Any = deck.user_deck(path, PAIR)
+        assert (user.mirrored, user.read.scene, user.problems) == (mirrored, int(mirrored), ())
+
+
+@pytest.mark.parametrize(
+    ("problems", "message"),
+    [
+        (("bad", "a variable is missing", "another variable"), "a variable is missing"),
+        (("bad",), "in.x: the deck has no run command that can be read; give a deck that runs"),
+    ],
+)
+def test_a_deck_without_a_run_is_refused(
+    monkeypatch: pytest.MonkeyPatch, problems: tuple[str, ...], message: str
+) -> None:
+    monkeypatch.setattr(deck, "user_deck", lambda path, scene, variables: user_deck("units si", problems=problems))
+    engine: Any = SimpleNamespace(with_variables=lambda values: None)
+    run_it = deck.deck_run(Path("in.x"), PAIR, engine=engine, time_limit=1.0)
+    with pytest.raises(UsageError) as refused, run_it:
+        pass
+    assert str(refused.value) == message
 
 
 # ---------------------------------------------------------------- what limits a deck
@@ -397,7 +432,7 @@ def test_what_the_own_dump_of_a_deck_loses_is_said(lines: tuple[str, ...], rows:
     actual = {row.what: (row.found, row.effect) for row in limits._of_own_dump(user_deck(*lines))}
     assert actual.keys() == rows.keys()
     for name, (found, effect) in rows.items():
-        assert actual[name] == (found, pytest.approx(effect, nan_ok=True))
+        assert actual[name] == (found, pytest.approx(effect, abs=0.0, nan_ok=True))
 
 
 # ---------------------------------------------------------------- codes beside each other
