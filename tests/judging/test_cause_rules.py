@@ -33,7 +33,7 @@ def fit(
     return Fit(hypothesis, parameters, rms, largest, error, np.array([deviation]), floors=floors)
 
 
-def named(
+def diagnosis_of(
     none: Fit, fits: list[Fit], *, effect: float = 1e3, dt: float | None = 1e-6, rest: float = 1.0,
     adaptive: float = 1e-10, count: int = 100, geometry: Any = None,
 ) -> Diagnosis:  # fmt: skip
@@ -67,7 +67,7 @@ def test_digits_explain_residuals_below_these_limits(
     chosen = fit(rms=rms, largest=largest, floors=floors)
     assert (cause._explained(chosen), cause._nearly_explained(chosen)) == (explained, nearly)
     # what explains nearly is named as well
-    assert (named(NONE, [chosen]).cause == "gravity") is (explained or nearly)
+    assert (diagnosis_of(NONE, [chosen]).cause == "gravity") is (explained or nearly)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_digits_explain_residuals_below_these_limits(
     ],
 )
 def test_a_code_of_unknown_method_may_leave_a_little(rms: float, error: float, adaptive: float, answer: str) -> None:
-    assert named(NONE, [fit(rms=rms, largest=900.0, error=error)], adaptive=adaptive).cause == answer
+    assert diagnosis_of(NONE, [fit(rms=rms, largest=900.0, error=error)], adaptive=adaptive).cause == answer
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_small_errors_without_a_cause_are_those_of_a_method(
 ) -> None:
     none = fit("none", rms=1e2, error=error, floors=floors)
     for fits in ([], [fit(rms=50.0, largest=900.0, where="body 3")]):
-        diagnosis = named(none, fits, dt=dt, rest=rest)
+        diagnosis = diagnosis_of(none, fits, dt=dt, rest=rest)
         assert diagnosis.cause == answer
         nearest, left = ("gravity body 3", "0.5") if fits else ("none ", "1")
         assert diagnosis.evidence == (
@@ -133,7 +133,7 @@ def test_small_errors_without_a_cause_are_those_of_a_method(
     ],
 )  # fmt: skip
 def test_an_effect_of_fifty_floors_is_named(effect: float, error: float, answer: str) -> None:
-    diagnosis = named(fit("none", rms=1e4, error=error), [fit()], effect=effect)
+    diagnosis = diagnosis_of(fit("none", rms=1e4, error=error), [fit()], effect=effect)
     assert diagnosis.cause == answer
     if answer != "gravity":
         below = "The difference is 49 floors, below 50."
@@ -147,28 +147,28 @@ def test_of_equal_fits_the_first_of_the_list_is_named_with_its_numbers() -> None
         fit("drag", nameable=False, rms=1.001),
         fit("exponent", rms=9.0, largest=90.0),
     ]
-    diagnosis = named(NONE, fits)
+    diagnosis = diagnosis_of(NONE, fits)
     assert (diagnosis.cause, diagnosis.where, diagnosis.alternatives) == ("mass", "body 2", ("time-scale",))
     assert diagnosis.evidence == "Mass 3 +- 0.5. It leaves 3e-09 of the largest value, where the scene leaves 0.01."
     assert diagnosis.parameters == {"value": (3.0, 0.5)}
     # two bodies as good as each other are no place
     other = fit("mass", rms=1.0, where="body 3", p=1.5)
-    assert named(NONE, [fits[1], other]).where == ""
-    assert named(NONE, [fits[1], fit("mass", rms=1.0, where="body 2", p=1.5)]).where == "body 2"
-    assert named(NONE, [fit("missed-contact", where="contact 1")]).alternatives == ("stiffness",)
-    assert named(NONE, [fit("gravity")]).parameters == {}
+    assert diagnosis_of(NONE, [fits[1], other]).where == ""
+    assert diagnosis_of(NONE, [fits[1], fit("mass", rms=1.0, where="body 2", p=1.5)]).where == "body 2"
+    assert diagnosis_of(NONE, [fit("missed-contact", where="contact 1")]).alternatives == ("stiffness",)
+    assert diagnosis_of(NONE, [fit("gravity")]).parameters == {}
 
 
 def test_a_cause_outside_the_list_that_fits_best_is_unknown() -> None:
     drag = fit("drag", rms=1.0, nameable=False)
     outside = "A cause outside the list fits best."
-    assert named(NONE, [drag]).evidence == outside
+    assert diagnosis_of(NONE, [drag]).evidence == outside
     # one of the list that digits explain as well is named
-    assert named(NONE, [drag, fit("gravity", rms=1.1)]).cause == "gravity"
+    assert diagnosis_of(NONE, [drag, fit("gravity", rms=1.1)]).cause == "gravity"
     loose = fit("drag", rms=5.0, largest=90.0, error=1e-6, nameable=False)
-    assert named(NONE, [loose, fit("gravity", rms=6.0, largest=90.0, error=1e-6)]).evidence == outside
+    assert diagnosis_of(NONE, [loose, fit("gravity", rms=6.0, largest=90.0, error=1e-6)]).evidence == outside
     best = fit("gravity", rms=5.0, largest=90.0, error=1e-6)
-    assert named(NONE, [best, fit("drag", rms=6.0, largest=90.0, nameable=False)]).cause == "gravity"
+    assert diagnosis_of(NONE, [best, fit("drag", rms=6.0, largest=90.0, nameable=False)]).cause == "gravity"
 
 
 @pytest.mark.parametrize(
@@ -184,8 +184,8 @@ def test_a_cause_outside_the_list_that_fits_best_is_unknown() -> None:
 def test_times_in_another_unit_may_be_scaled_times(
     scale: float, factors: tuple[float, float, float], alternatives: tuple[str, ...]
 ) -> None:
-    assert named(NONE, [fit("units", scale=scale, factors=factors)]).alternatives == alternatives
-    assert named(NONE, [fit("time-shift", scale=scale, factors=factors)]).alternatives == ()
+    assert diagnosis_of(NONE, [fit("units", scale=scale, factors=factors)]).alternatives == alternatives
+    assert diagnosis_of(NONE, [fit("time-shift", scale=scale, factors=factors)]).alternatives == ()
 
 
 def body(radius: float = 0.04, poisson: float = 0.5) -> Any:
@@ -194,7 +194,7 @@ def body(radius: float = 0.04, poisson: float = 0.5) -> Any:
 
 def uniform(factor: float, geometry: Any, deviation: float = 0.0) -> Diagnosis:
     chosen = fit("stiffness-scale", family="factor", p=math.log(factor), deviation=deviation)
-    return named(NONE, [chosen], geometry=geometry)
+    return diagnosis_of(NONE, [chosen], geometry=geometry)
 
 
 @pytest.mark.parametrize(
@@ -235,15 +235,15 @@ def test_a_factor_on_all_stiffnesses_has_the_name_of_what_makes_it(factor: float
 def test_a_factor_on_masses_that_is_named_keeps_the_names_of_stiffness_as_alternatives() -> None:
     scale = fit("stiffness-scale", family="factor", p=0.3, rms=1.0)
     mass = fit("mass", family="factor", p=-0.3, rms=1.0)
-    diagnosis = named(NONE, [mass, scale])
+    diagnosis = diagnosis_of(NONE, [mass, scale])
     assert (diagnosis.cause, set(diagnosis.alternatives)) == (
         "stiffness-scale", {"mass", "modulus", "missing-sqrt-radius"},
     )  # fmt: skip
-    assert named(NONE, [mass]).alternatives == ()
-    units = named(NONE, [scale, fit("units", scale=2.0)])
+    assert diagnosis_of(NONE, [mass]).alternatives == ()
+    units = diagnosis_of(NONE, [scale, fit("units", scale=2.0)])
     assert (units.cause, "modulus" in units.alternatives) == ("units", True)
     other = fit("stiffness-scale", family="", p=0.3)
-    assert named(NONE, [other]).alternatives == ()
+    assert diagnosis_of(NONE, [other]).alternatives == ()
 
 
 @pytest.mark.parametrize(
@@ -280,7 +280,7 @@ def diagnosed(
         decision=decision, none="none", errors=np.array([0.0, size, 0.0]), fits=lambda: list(fits), data="data"
     )
     monkeypatch.setattr(cause, "Search", lambda scene, record, floor: search if floor == {"velocity": 1.0} else None)
-    monkeypatch.setattr(cause, "name_cause", lambda search, none, fits: Diagnosis(cause=answer, evidence="named"))
+    monkeypatch.setattr(cause, "name_cause", lambda search, none, fits: Diagnosis(cause=answer, evidence="name"))
     monkeypatch.setattr(cause, "on_single_grid", lambda data: single_grid)
     record: Any = SimpleNamespace(dt=None)
     return cause.diagnose(CHAIN, [record], {"velocity": 1.0})

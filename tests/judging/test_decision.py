@@ -82,15 +82,15 @@ def test_a_step_of_the_search_resolves_the_stiffest_contact(
 def test_the_error_of_an_unstable_step_is_none(size: float, sane: bool) -> None:
     decision = decision_of(blocks=[block([[0.0]], scale=0.5), block([[0.0]], scale=9.0)], base="b", step=0.25)
     decision.exact = [np.ones((2, 1)), np.array([[2.0], [np.nan]])]
-    asked = []
+    requests = []
 
     def predict(*arguments: Any) -> list[Floats]:
-        asked.append(arguments)
+        requests.append(arguments)
         return [np.array([[1.0], [1.0 - size]]), np.array([[3.0], [5.0]])]
 
     decision.data.predict = predict
     first, second = decision.time_step_error()
-    assert asked == [("b", 3, 1e-13, Stepping(VERLET, 0.25))]
+    assert requests == [("b", 3, 1e-13, Stepping(VERLET, 0.25))]
     assert first.ravel().tolist() == ([0.0, -size] if sane else [0.0, 0.0])
     assert second.ravel().tolist() == ([1.0, 0.0] if sane else [0.0, 0.0])
 
@@ -161,24 +161,24 @@ def trials(exact: Fit, rival: Fit | None, *, dt: float | None = None, even: bool
 
 def test_methods_are_tried_at_the_step_of_the_file_or_at_steps_that_are_found() -> None:
     assert trials(fit(9.0), None, dt=0.25) == [("at", VERLET, 0.25), ("at", DRIFT_FIRST, 0.25), ("at", RK4, 0.25)]
-    found = [("found", VERLET), ("found", DRIFT_FIRST)]
+    by_error = [("found", VERLET), ("found", DRIFT_FIRST)]
     many = [("tried", method, 27, 100) for method in (RK4, DRIFT_FIRST, VERLET)]
     few = [("tried", method, 20, 20) for method in (RK4, DRIFT_FIRST, VERLET)]
-    assert trials(fit(9.0, error=0.09), None) == found + many
+    assert trials(fit(9.0, error=0.09), None) == by_error + many
     # few steps only make a large error
-    assert trials(fit(9.0, error=0.1), None) == found + few
-    assert trials(fit(9.0, error=0.15), None) == found + few
-    assert trials(fit(9.0), None, even=False) == found
+    assert trials(fit(9.0, error=0.1), None) == by_error + few
+    assert trials(fit(9.0, error=0.15), None) == by_error + few
+    assert trials(fit(9.0), None, even=False) == by_error
     # a hypothesis that leaves ten times what another one leaves is not promising
-    assert trials(fit(29.0), fit(3.0)) == found + many
-    assert trials(fit(30.0), fit(3.0)) == found
-    assert trials(fit(45.0), fit(3.0)) == found
+    assert trials(fit(29.0), fit(3.0)) == by_error + many
+    assert trials(fit(30.0), fit(3.0)) == by_error
+    assert trials(fit(45.0), fit(3.0)) == by_error
     # where another one explains the file, its method and step are those of the file
     step = Stepping(RK4, 0.125)
-    assert trials(fit(5.0), fit(1.1, stepping=step)) == [("at", RK4, 0.125), *found]
-    assert trials(fit(5.0), fit(1.1)) == found
+    assert trials(fit(5.0), fit(1.1, stepping=step)) == [("at", RK4, 0.125), *by_error]
+    assert trials(fit(5.0), fit(1.1)) == by_error
     for rms in (1.2, 1.5):
-        assert trials(fit(5.0), fit(rms, stepping=step)) == found + many
+        assert trials(fit(5.0), fit(rms, stepping=step)) == by_error + many
     assert (*range(1, 21), 25, 30, 40, 50, 64, 80, 100) == DIVISORS
 
 
@@ -340,14 +340,14 @@ class Planted:
         self.parts.append(("tried", list(p), method, list(counts)))
         return [fit(0.5)]
 
-    def found(self, *, error: float = 1e-3, size: int = 0) -> Fit:
+    def search(self, *, error: float = 1e-3, size: int = 0) -> Fit:
         exact = fit(1e6, error=error, p=np.zeros(size))
         return self.decision._found_step(hypothesis(size), exact, VERLET)  # type: ignore[no-any-return]
 
 
 def test_a_step_of_second_order_is_found_at_once() -> None:
     planted = Planted()
-    assert planted.found().rms == 0.25
+    assert planted.search().rms == 0.25
     # the error at 0.02 is four times that of the file
     assert planted.tried == pytest.approx([0.02, 0.01])
     assert planted.parts == [("improved", pytest.approx(0.01), [])]
@@ -360,35 +360,35 @@ def test_a_step_of_second_order_is_found_at_once() -> None:
 )
 def test_the_power_of_an_error_is_that_of_the_last_two_steps(power: float, second: float) -> None:
     planted = Planted(power=power, size=1e6 / 0.01**power)
-    planted.found()
+    planted.search()
     third = second * (2.0 * second) ** (-power / min(max(power, 1.0), 4.0))
     assert planted.tried[:3] == pytest.approx([0.02, 0.02 * second, 0.02 * third])
 
 
 def test_a_parameter_is_found_with_the_step() -> None:
     planted = Planted(shift=3.0)
-    result = planted.found(size=1)
+    result = planted.search(size=1)
     assert (planted.tried, list(result.parameters)) == (pytest.approx([0.02, 0.01]), [pytest.approx(3.0)])
     # what the parameter has changed is no error of the step
     plain, shifted = (Planted(power=3.0, size=1e12, shift=shift) for shift in (0.0, 3.0))
-    plain.found()
-    shifted.found(size=1)
+    plain.search()
+    shifted.search(size=1)
     assert shifted.tried == pytest.approx(plain.tried, rel=1e-6)
 
 
 def test_a_step_without_an_error_stays_and_is_improved() -> None:
     planted = Planted()
     planted.decision._residual = lambda chosen, p, stepping=None: np.full(4, 5.0)
-    assert planted.found().rms == 0.25
+    assert planted.search().rms == 0.25
     assert planted.parts == [("improved", 0.02, [])]
 
 
 def test_ten_steps_are_tried_at_most() -> None:
     planted = Planted()
-    asked: list[float] = []
+    requests: list[float] = []
 
     def weight(extra: float) -> Floats:
-        asked.append(extra)
+        requests.append(extra)
         return np.ones(4)
 
     planted.decision._weight = weight
@@ -400,9 +400,9 @@ def test_ten_steps_are_tried_at_most() -> None:
         return np.full(4, 100.0 if stepping is None else 50.0)
 
     planted.decision._residual = residual
-    result = planted.found(error=0.02)
+    result = planted.search(error=0.02)
     assert planted.tried == pytest.approx([0.02, *(0.02 * math.sqrt(2.0) * 2.0**k for k in range(9))])
-    assert asked == [pytest.approx(0.002)]
+    assert requests == [pytest.approx(0.002)]
     # the linear combination of the scene and the error of the first step leaves nothing
     assert (result.rms, result.stepping) == (pytest.approx(0.0, abs=1e-6), None)
 
@@ -418,7 +418,7 @@ def test_the_best_of_the_steps_is_kept_if_the_linear_combination_is_worse() -> N
         return fit(result.rms + (7.0 if stepping else 1e5), p=p, stepping=stepping)
 
     planted.decision._fit = fitted
-    result = planted.found()
+    result = planted.search()
     assert result.stepping is not None
     assert result.stepping.dt == pytest.approx(0.01, rel=0.05)
     assert 7.0 <= result.rms < 1e5
@@ -439,12 +439,12 @@ def test_a_step_that_grows_without_limit_or_takes_long_ends_the_search() -> None
 
         planted.decision._residual = residual
         planted.decision.data.interval = 5.0
-        planted.found()
+        planted.search()
         assert (len(seen), planted.parts) == (tried, [])
     # a step of which 400,000 make the run, 2 s, is tried, and a shorter one is not
     for step, tried in ((6e-6, 2), (4e-6, 1)):
         planted = Planted(size=1e14, target=step)
-        planted.found()
+        planted.search()
         assert len(planted.tried) == tried
 
 
@@ -457,7 +457,7 @@ def test_a_parameter_of_the_linear_combination_is_that_of_least_squares() -> Non
         return np.asarray(shifted + (50.0 if stepping is None else 75.0) * np.array([0.0, 0.0, 1.0, 0.0]))
 
     planted.decision._residual = residual
-    result = planted.found(size=1)
+    result = planted.search(size=1)
     assert (result.stepping, result.parameters[0]) == (None, pytest.approx(3.0))
     assert result.rms == pytest.approx(0.0, abs=1e-6)
 
@@ -471,7 +471,7 @@ def test_steps_nearby_are_tried_at_last(error: float, even: bool, tried: bool) -
     planted.decision._residual = lambda chosen, p, stepping=None: plain(chosen, p, stepping) + kink
     planted.decision._whole = lambda dt: 0.0125 if abs(dt - 0.0125) < 0.006 else dt
     planted.rms = 50.0
-    result = planted.found(error=error)
+    result = planted.search(error=error)
     ways = [part for part in planted.parts if part[0] == "tried"]
     assert bool(ways) is tried
     if tried:
@@ -487,7 +487,7 @@ def test_steps_nearby_are_tried_where_two_make_an_interval(count: float, tried: 
     planted.decision._residual = lambda chosen, p, stepping=None: plain(chosen, p, stepping) + kink
     planted.decision._whole = lambda dt: 0.5 / count
     planted.rms = 50.0
-    planted.found()
+    planted.search()
     assert [part[0] for part in planted.parts].count("tried") == tried
 
 
@@ -555,26 +555,26 @@ def test_a_change_that_fits_better_decides_which_step_is_the_best() -> None:
 
 # ---------------------------------------------------------------- residuals and fits
 def test_derivatives_are_difference_quotients_by_the_exact_motion() -> None:
-    asked: list[tuple[list[float], int, float]] = []
+    requests: list[tuple[list[float], int, float]] = []
     decision = decision_of(blocks=[block(np.zeros((3, 2)))])
 
     def predict(variant: Any, rows: int, tolerance: float, stepping: Any = None) -> Any:
-        asked.append((list(variant.p), rows, tolerance))
+        requests.append((list(variant.p), rows, tolerance))
         return variant.p
 
     decision.data.predict = predict
     decision.data.residual = lambda p: np.array([p[0] ** 2, p[0] * p[1], 3.0 * p[1]])
     for size, tolerance in ((0.9e-4, 1e-13), (1e-4, 1e-11), (1.5e-4, 1e-11)):
         decision.errors = np.array([0.0, size])
-        asked.clear()
+        requests.clear()
         slope = decision._derivative(hypothesis(2), np.array([1.0, 2.0]))
         np.testing.assert_allclose(slope, [[2.0001, 0.0], [2.0, 1.0], [0.0, 3.0]], atol=1e-9)
-        assert asked[0] == ([1.0, 2.0], 3, tolerance)
-        assert [part[0] for part in asked[1:]] == [pytest.approx([1.0001, 2.0]), pytest.approx([1.0, 2.0001])]
+        assert requests[0] == ([1.0, 2.0], 3, tolerance)
+        assert [part[0] for part in requests[1:]] == [pytest.approx([1.0001, 2.0]), pytest.approx([1.0, 2.0001])]
     assert decision._derivative(hypothesis(0), NOTHING).shape == (6, 0)
-    asked.clear()
+    requests.clear()
     assert decision._residual(hypothesis(2), np.array([1.0, 2.0])).tolist() == [1.0, 2.0, 6.0]
-    assert asked == [([1.0, 2.0], 3, 1e-13)]
+    assert requests == [([1.0, 2.0], 3, 1e-13)]
 
 
 def test_a_fit_has_the_sizes_of_its_residual() -> None:
@@ -677,7 +677,7 @@ def test_the_error_of_an_adaptive_method_is_relative_to_the_scale() -> None:
         (0, [[5.0, 0.0], [6.0, 12.5], [7.0, 0.0]], 6.5),
         (0, [[5.0, 0.0], [6.0, np.nan], [7.0, 0.0]], 0.0),
         (1, [[5.0, 20.5], [6.0, 0.0], [7.0, 0.0]], 10.0),  # displacements start at 0
-        (2, [[5.0, 20.0], [6.0, 0.0], [7.0, 0.0]], 0.0),  # forces are not asked
+        (2, [[5.0, 20.0], [6.0, 0.0], [7.0, 0.0]], 0.0),  # forces are not requests
     ],
 )
 def test_errors_at_rest_are_those_of_bodies_that_have_not_moved(

@@ -327,7 +327,7 @@ def test_a_file_is_compared_with_a_twin_at_the_times_of_both(rows: Any, shift: f
 
 
 @pytest.mark.parametrize(
-    ("line", "found"),
+    ("line", "points"),
     [
         ("pair_style table spline 50", "50 points, spline"),
         ("pair_style hybrid granular table linear 20", "20 points, linear"),
@@ -337,9 +337,9 @@ def test_a_file_is_compared_with_a_twin_at_the_times_of_both(rows: Any, shift: f
         ("pair_coeff table spline 50", None),
     ],
 )
-def test_points_of_tables_are_read(line: str, found: str | None) -> None:
+def test_points_of_tables_are_read(line: str, points: str | None) -> None:
     rows = list(limits._of_contacts(run_of(user_deck(line))))
-    assert [row.found for row in rows] == ([] if found is None else [found])
+    assert [row.found for row in rows] == ([] if points is None else [points])
     assert all(math.isnan(row.effect) for row in rows)
     (newton,) = limits._of_contacts(run_of(user_deck("newton on off")))
     assert (newton.what, newton.found, newton.effect) == ("newton", "on off", 0.0)
@@ -431,8 +431,8 @@ def test_skins_that_bodies_cross_unseen_are_risky(
 def test_what_the_own_dump_of_a_deck_loses_is_said(lines: tuple[str, ...], rows: dict[str, tuple[str, float]]) -> None:
     actual = {row.what: (row.found, row.effect) for row in limits._of_own_dump(user_deck(*lines))}
     assert actual.keys() == rows.keys()
-    for name, (found, effect) in rows.items():
-        assert actual[name] == (found, pytest.approx(effect, abs=0.0, nan_ok=True))
+    for name, (text, effect) in rows.items():
+        assert actual[name] == (text, pytest.approx(effect, abs=0.0, nan_ok=True))
 
 
 # ---------------------------------------------------------------- codes beside each other
@@ -508,14 +508,14 @@ def test_errors_and_costs_of_a_foreign_code_stand_beside_ours(monkeypatch: pytes
 
 
 def test_our_codes_run_at_the_steps_of_the_foreign_one_the_first_one_twice(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = []
+    cases = []
 
     class FakeCase:
         def __init__(self, **fields: Any) -> None:
-            made.append(fields)
+            cases.append(fields)
 
         def solve(self, chosen: Any) -> Any:
-            cost = SimpleNamespace(wall=float(len(made)), cpu=2.0)
+            cost = SimpleNamespace(wall=float(len(cases)), cpu=2.0)
             return SimpleNamespace(velocity=np.array([[1.0, -3.0]]), cost=cost)
 
     code = SimpleNamespace(availability=lambda: SimpleNamespace(reason=""))
@@ -529,9 +529,9 @@ def test_our_codes_run_at_the_steps_of_the_foreign_one_the_first_one_twice(monke
         ("our twin", 2e-7, 0.25, 2.0, 2.0),
         ("our twin", 1e-7, 0.25, 3.0, 2.0),
     ]
-    assert [fields["resolution"].dt for fields in made] == [2e-7, 2e-7, 1e-7]
-    assert {fields["resolution"].time_limit for fields in made} == {9.0}
-    assert {fields["uncertainty"] for fields in made} == {False}
+    assert [fields["resolution"].dt for fields in cases] == [2e-7, 2e-7, 1e-7]
+    assert {fields["resolution"].time_limit for fields in cases} == {9.0}
+    assert {fields["uncertainty"] for fields in cases} == {False}
     reference.largest["velocity"] = 0.0
     assert math.isnan(beside._own_runs(PAIR, "verlet", "velocity", [1e-7], 9.0)[0].error)
     # what a code does not do, or where it is missing
@@ -549,16 +549,16 @@ def test_limits_of_a_deck_are_a_line_and_a_table(monkeypatch: pytest.MonkeyPatch
         Limit(what="w", found="f", effect=NAN, advice="b"),
         Limit(what="newton", found="on", effect=0.0, advice="c"),
     ]
-    asked = []
+    names_of_files = []
 
     def deck_limits(scene: Scene, run: Any, file: Any) -> list[Limit]:
-        asked.append(file.record.name)
+        names_of_files.append(file.record.name)
         return rows
 
     monkeypatch.setattr(beside, "deck_limits", deck_limits)
     run: Any = SimpleNamespace(deck=SimpleNamespace(path=Path("a/in.x")))
     addition = beside._limits(fake_judgement(("other", 1.0, 1.0), ("in.x", 1.0, 1.0)), run)
-    assert (addition.lines, asked) == ((("limits", "in.x: time step (1 s) 2.0e-03; w (f)"),), ["in.x"])
+    assert (addition.lines, names_of_files) == ((("limits", "in.x: time step (1 s) 2.0e-03; w (f)"),), ["in.x"])
     (table,) = addition.tables
     assert (table.id, table.title, len(table.rows)) == ("limits-in-x", "What limits in.x", 3)
 

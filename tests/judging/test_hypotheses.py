@@ -64,8 +64,8 @@ EVERYWHERE = [
 
 
 def test_the_hypotheses_of_a_chain_are_these() -> None:
-    made = list(global_hypotheses(CHAIN, Model(CHAIN)))
-    for each, (cause, sentence, starts, other, value) in zip(made, EVERYWHERE, strict=True):
+    yielded = list(global_hypotheses(CHAIN, Model(CHAIN)))
+    for each, (cause, sentence, starts, other, value) in zip(yielded, EVERYWHERE, strict=True):
         assert (each.cause, each.evidence.format(1.5, 0.25), settings(each)) == (cause, sentence, other)
         assert starts is None or each.starts == starts
         assert value is None or each.value(0.5) == pytest.approx(value)
@@ -76,19 +76,23 @@ def test_the_hypotheses_of_a_chain_are_these() -> None:
 def test_the_hypotheses_of_a_damped_chain_have_its_damping_too() -> None:
     for clip in (True, False):
         scene = replace(DAMPED, damping=Damping(law="dashpot", coefficient=5.0, clip=clip))
-        base, made = Model(scene).system, of(scene, "clip", "damping")
-        assert [each.evidence.format(1.5, 0.25) for each in made[:3]] == [
+        base, yielded = Model(scene).system, of(scene, "clip", "damping")
+        assert [each.evidence.format(1.5, 0.25) for each in yielded[:3]] == [
             f"The net contact force is {'not ' if clip else ''}clipped at zero.",
             "The damping is 1.5 +- 0.25 of the scene's.",
             "Contacts are not damped.",
         ]
-        assert made[0].make(NOTHING).system.clipped is not clip
-        np.testing.assert_allclose(made[1].make(HALF).system.damping, math.exp(0.5) * base.damping)
-        undamped = made[2].make(NOTHING).system
+        assert yielded[0].make(NOTHING).system.clipped is not clip
+        np.testing.assert_allclose(yielded[1].make(HALF).system.damping, math.exp(0.5) * base.damping)
+        undamped = yielded[2].make(NOTHING).system
         assert (list(undamped.damping), undamped.damped) == ([0.0] * 6, False)
-        assert (made[1].starts, settings(made[1]), made[1].value(0.5)) == (LOG, (), pytest.approx(math.exp(0.5)))
+        assert (yielded[1].starts, settings(yielded[1]), yielded[1].value(0.5)) == (
+            LOG,
+            (),
+            pytest.approx(math.exp(0.5)),
+        )
         # another damping is fitted from its starts alone, because it does not begin at the scene
-        assert [each.probe for each in made[3:]] == [None] * 8
+        assert [each.probe for each in yielded[3:]] == [None] * 8
     assert not of(CHAIN, "clip")
 
 
@@ -223,9 +227,9 @@ velocity = 0.5
 def patterns(scene: Scene) -> list[tuple[str, list[float], float | None]]:
     """Return cause, factors on stiffnesses at the parameter 0, and first step of the fit of each pattern."""
     base = Model(scene).system
-    made = of(scene, "modulus", "missing-sqrt-radius")
-    ratios = [each.make(np.zeros(1)).system.stiffness[1:-1] / base.stiffness[1:-1] for each in made]
-    return [(each.cause, ratio.tolist(), each.probe) for each, ratio in zip(made, ratios, strict=True)]
+    yielded = of(scene, "modulus", "missing-sqrt-radius")
+    ratios = [each.make(np.zeros(1)).system.stiffness[1:-1] / base.stiffness[1:-1] for each in yielded]
+    return [(each.cause, ratio.tolist(), each.probe) for each, ratio in zip(yielded, ratios, strict=True)]
 
 
 def normal(values: Iterable[float]) -> Any:
@@ -286,33 +290,33 @@ def test_the_radii_of_a_geometry_are_the_first_pattern() -> None:
     scene = parse_scene(SPHERES.format(repeat=2, radius=0.03, material="soft").replace(
         "[chain.striker]\nradius = 0.01", "[chain.striker]\nradius = 0.02"))  # fmt: skip
     radius = np.array([0.02, 0.03, 0.01, 0.03, 0.01])
-    made = [part for part in patterns(scene) if part[0] != "modulus"]
+    yielded = [part for part in patterns(scene) if part[0] != "modulus"]
     # with one modulus in all contacts the stiffness has the pattern of the radii, and is yielded once
-    assert len(made) == 2
-    assert made[0][1] == normal((radius[:-1] * radius[1:] / (radius[:-1] + radius[1:])) ** -0.5)
-    assert made[0][1] == normal(np.array(scene.stiffness) ** -1.0)
+    assert len(yielded) == 2
+    assert yielded[0][1] == normal((radius[:-1] * radius[1:] / (radius[:-1] + radius[1:])) ** -0.5)
+    assert yielded[0][1] == normal(np.array(scene.stiffness) ** -1.0)
 
 
 @pytest.mark.parametrize("gravity", [0.0, 1.0, -2.0])
 @pytest.mark.parametrize("load", [0.0, 0.5])
 def test_gravity_may_be_missing_or_that_of_the_earth(gravity: float, load: float) -> None:
     scene = replace(CHAIN, gravity=gravity, precompression=load)
-    made = of(scene, "gravity")
+    yielded = of(scene, "gravity")
     # with a load the contacts of the start follow from gravity
-    assert len(made) == (2 if gravity and load else 1)
+    assert len(yielded) == (2 if gravity and load else 1)
     unit = Model(scene).speed / scene.duration
-    for each in made:
+    for each in yielded:
         values = [-gravity, 9.81, -9.81, *([0.0] if gravity else [])]
         assert [unit * p for (p,) in each.starts] == pytest.approx(values)
         assert (settings(each), each.value(0.5)) == ((1e6,), pytest.approx(0.5 * unit))
         assert each.evidence.format(1.5, 0.25).endswith("differs from the scene's by 1.5 +- 0.25 m/s^2.")
     p = np.array([0.5 / unit])
-    np.testing.assert_allclose(made[0].make(p).system.free, Model(scene).system.free + 0.5, rtol=1e-9)
-    np.testing.assert_array_equal(made[0].make(p).system.gap, Model(scene).system.gap)
-    if len(made) > 1:
+    np.testing.assert_allclose(yielded[0].make(p).system.free, Model(scene).system.free + 0.5, rtol=1e-9)
+    np.testing.assert_array_equal(yielded[0].make(p).system.gap, Model(scene).system.gap)
+    if len(yielded) > 1:
         right = system_of(replace(scene, gravity=gravity + 0.5))
-        np.testing.assert_allclose(made[1].make(p).system.gap, right.gap, rtol=1e-9)
-        np.testing.assert_allclose(made[1].make(p).system.free, right.free, rtol=1e-9)
+        np.testing.assert_allclose(yielded[1].make(p).system.gap, right.gap, rtol=1e-9)
+        np.testing.assert_allclose(yielded[1].make(p).system.free, right.free, rtol=1e-9)
 
 
 # ---------------------------------------------------------------- how samples were written
@@ -337,23 +341,23 @@ def data_of(
 
 def test_times_lags_and_orders_of_samples_are_these() -> None:
     data = data_of()
-    made = [each for each in sample_hypotheses(data, data.exact) if each.cause != "units"]
-    assert [each.cause for each in made] == [
+    yielded = [each for each in sample_hypotheses(data, data.exact) if each.cause != "units"]
+    assert [each.cause for each in yielded] == [
         *("time-shift", "sampling-shift", "sampling-shift", "order-of-bodies", "order-of-bodies")
     ]
-    shift = made[0]
+    shift = yielded[0]
     assert shift.evidence.format(1.5, 0.25) == "The file is late by 1.5 +- 0.25 s."
     assert shift.starts == ((0.0,), (1.0,), (-1.0,), (3.0,), (-3.0,), (10.0,), (-10.0,))
     assert (settings(shift), shift.value(3.0), shift.make(np.array([3.0])).shift) == ((1e4,), 0.75, 0.75)
     base: Any = "base"
-    assert [(each.evidence, each.make(NOTHING)) for each in made[1:]] == [
+    assert [(each.evidence, each.make(NOTHING)) for each in yielded[1:]] == [
         ("Each sample is that of the previous time.", Variant(base, lag=1)),
         ("Each sample is that of the next time.", Variant(base, lag=-1)),
         ("The bodies are in reversed order.", Variant(base, order=(2, 1, 0))),
         ("The bodies are in reversed order, and the axis is reversed.",
          Variant(base, order=(2, 1, 0), factors=(-1.0, -1.0, 1.0))),
     ]  # fmt: skip
-    assert [settings(each) for each in made[1:]] == [()] * 4
+    assert [settings(each) for each in yielded[1:]] == [()] * 4
 
 
 @pytest.mark.parametrize(
@@ -375,13 +379,13 @@ def test_times_lags_and_orders_of_samples_are_these() -> None:
 def test_times_may_be_in_units_in_which_the_scene_ends_with_the_file(end: float, scales: list[float]) -> None:
     data = data_of(end=end)
     data.model.scene.duration = 2.0 if end == 0.15 else 1.0
-    made = [each for each in sample_hypotheses(data, []) if each.cause == "units"]
+    yielded = [each for each in sample_hypotheses(data, []) if each.cause == "units"]
     if end == 1e9:
         scales = [1e-9]
     if end == 1e10:
         scales = []
-    assert [each.make(NOTHING).scale for each in made] == pytest.approx(scales)
-    assert [each.evidence for each in made] == [f"Units: times by {scale:g} give SI." for scale in scales]
+    assert [each.make(NOTHING).scale for each in yielded] == pytest.approx(scales)
+    assert [each.evidence for each in yielded] == [f"Units: times by {scale:g} give SI." for scale in scales]
     assert min(POWERS) == -9
 
 
@@ -393,11 +397,11 @@ def test_values_may_be_in_units_of_a_power_of_ten(factor: float, power: int) -> 
     for place, name in enumerate(("velocities", "displacements", "forces")):
         factors = tuple(factor if k == place else 1.0 for k in range(3))
         data = data_of(end=5e9, values=factors)
-        made = [each for each in sample_hypotheses(data, data.exact) if each.cause == "units"]
+        yielded = [each for each in sample_hypotheses(data, data.exact) if each.cause == "units"]
         if not power:
-            assert made == []
+            assert yielded == []
             continue
-        (each,) = made
+        (each,) = yielded
         assert each.evidence == f"Units: {name} by {10.0**-power:g} give SI."
         variant = each.make(NOTHING)
         assert (variant.scale, variant.factors[place]) == (1.0, pytest.approx(10.0**power))
@@ -422,8 +426,8 @@ METHODS = [
 
 
 def test_methods_of_first_order_have_the_step_of_the_file() -> None:
-    made = list(half_steps(data_of(dt=1e-3), 1e-2))
-    for each, (cause, method, part, words) in zip(made, METHODS, strict=True):
+    yielded = list(half_steps(data_of(dt=1e-3), 1e-2))
+    for each, (cause, method, part, words) in zip(yielded, METHODS, strict=True):
         assert (each.cause, each.evidence, each.size) == (cause, f"{words} (dt = 0.001 s).", 0)
         assert settings(each) == ()
         variant = each.make(NOTHING)
@@ -435,9 +439,9 @@ def test_methods_of_first_order_have_the_step_of_the_file() -> None:
 
 @pytest.mark.parametrize(("end", "low"), [(800.0, math.log(0.04)), (4e4, 0.0)])
 def test_methods_of_first_order_have_a_step_that_is_fitted(end: float, low: float) -> None:
-    made = list(half_steps(data_of(end=end, interval=0.25), 0.05))
+    yielded = list(half_steps(data_of(end=end, interval=0.25), 0.05))
     start = math.log(0.2)
-    for each, (cause, method, part, words) in zip(made, METHODS, strict=True):
+    for each, (cause, method, part, words) in zip(yielded, METHODS, strict=True):
         assert (each.cause, each.evidence.format(1.5, 0.25)) == (cause, f"{words} (dt = 1.5 s, fitted).")
         assert each.starts == ((pytest.approx(start),), (-1.4,), (-2.3,), (-3.4,), (-4.6,))
         assert (each.bounds, each.probe) == ((pytest.approx(low), 0.0), pytest.approx(start))

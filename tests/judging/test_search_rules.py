@@ -43,13 +43,13 @@ class Fitter:
     """Return the residuals of the variants, and answers for fits by the place of the hypothesis."""
 
     def __init__(self) -> None:
-        self.asked: list[tuple[int, float]] = []
+        self.requests: list[tuple[int, float]] = []
         self.probed: list[list[float]] = []
         self.fits: list[tuple[str, float, int, float]] = []
         self.left: dict[str, float] = {}
 
     def residual(self, variant: Any, rows: int, extra: float) -> Floats:
-        self.asked.append((rows, extra))
+        self.requests.append((rows, extra))
         self.probed.append(list(variant.parameters))
         return np.asarray(variant.residual)
 
@@ -144,7 +144,7 @@ def test_a_first_parameter_is_that_of_least_squares(chosen: Hypothesis, paramete
         left = float(np.linalg.norm(WHOLE - 50.0 / 26.0 * np.array([1.0, 5.0]))) / 5.0
     assert candidate.left == pytest.approx(left)
     # a thousandth of the largest difference is noise
-    assert search.fitter.asked[0] == (2, pytest.approx(1e-4))
+    assert search.fitter.requests[0] == (2, pytest.approx(1e-4))
 
 
 def test_no_start_is_tried_for_small_differences() -> None:
@@ -345,9 +345,9 @@ def test_six_finalists_are_decided_each_with_the_best_one_before() -> None:
 def test_candidates_of_one_place_and_nearly_one_start_are_alike(
     first: tuple[str, float], second: tuple[str, float], alike: bool
 ) -> None:
-    one, other = (candidate(where, parameter=parameter) for where, parameter in (first, second))
-    assert module._alike(one, other) is alike
-    changed = replace(other, hypothesis=replace(other.hypothesis, evidence="Another."))
-    assert not module._alike(one, changed)
-    changed = replace(other, hypothesis=replace(other.hypothesis, cause="another"))
-    assert not module._alike(one, changed)
+    left, right = (candidate(where, parameter=parameter) for where, parameter in (first, second))
+    assert module._alike(left, right) is alike
+    changed = replace(right, hypothesis=replace(right.hypothesis, evidence="Another."))
+    assert not module._alike(left, changed)
+    changed = replace(right, hypothesis=replace(right.hypothesis, cause="another"))
+    assert not module._alike(left, changed)

@@ -208,8 +208,8 @@ def test_a_step_that_would_reach_the_tolerance_follows_from_the_order() -> None:
     assert "a time step of 4.7 ns" in advice(falling(value=0.6))
     assert advice() == reduce
     # what is within the tolerance is not made smaller
-    one = advice(falling(value=2.0), falling("displacement", 2.0), tolerance=5e-4)
-    assert one.endswith("a time step of 790 ns would reach the tolerance.")
+    step = advice(falling(value=2.0), falling("displacement", 2.0), tolerance=5e-4)
+    assert step.endswith("a time step of 790 ns would reach the tolerance.")
     within = shown._advice(
         judgement_of(file_of(part([[0.0], [1e-5]], columns=(0,)), part(ERROR, name="displacement"), dt=1e-6),
                      convergence=(falling(),), tolerance=1e-4)
