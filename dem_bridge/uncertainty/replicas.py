@@ -13,7 +13,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dem_bridge.backends.scales import RESTING, in_common_frame, resting_acceleration
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import QUANTITIES, SAMPLED, Cost, Floats, Trajectory, Uncertainty
 from dem_bridge.uncertainty.differences import absolute_differences, at_least_the_median
@@ -39,6 +41,8 @@ class ReplicaRule:
     """Length, m, whose last digit every step rounds, in all runs alike."""
     tolerances: float = 0.0
     """Velocities are uncertain by so many tolerances (``rtol``) of the largest speed at least."""
+    unresolved: Any = False
+    """Which contacts have a crossing that cannot be told from round-off, ``(n_contact,)``, or one value."""
     force_condition: Floats | float = 1.0
     """Relative change of each contact's force over that of its overlap, ``(n_contact,)`` or one value; at least 1."""
 
@@ -60,6 +64,9 @@ LOOSER = (10.0, 20.0)
 #: ``overlap^p``, p < 1: the ten last steps of such a contact err by their tolerance each, all in one direction. On 33
 #: scenes it was up to 24 tolerances; in one of them three runs agreed by chance, 2.1 uncertainties off
 SINGULAR_ENDS = 32.0
+#: part of a velocity that bodies have in common below which their relative velocity is unknown: a few of the default
+#: tolerances of scipy
+COMMON = 1e-13
 #: part of the duration above which the uncertainty of a crossing says that nothing is known of it
 UNSURE = 0.1
 
@@ -78,6 +85,7 @@ def looser_rule(scene: Scene) -> ReplicaRule:
         contacts=3.0,
         peaks_follow_velocities=scene.precompression > 0.0,
         tolerances=SINGULAR_ENDS if singular else 0.0,
+        unresolved=unresolved_crossings(scene),
         rounded_length=float(np.max(np.abs(scene.contacts.gap), initial=0.0)),
         force_condition=force_condition(scene),
     )
@@ -85,7 +93,25 @@ def looser_rule(scene: Scene) -> ReplicaRule:
 
 def rule_of(backend: str, scene: Scene) -> ReplicaRule:
     """Return the rule for the replicas that a backend makes of a scene."""
-    return replace(RULES[backend], force_condition=force_condition(scene))
+    return replace(RULES[backend], force_condition=force_condition(scene), unresolved=unresolved_crossings(scene))
+
+
+def unresolved_crossings(scene: Scene) -> NDArray[np.bool_]:
+    """Return the contacts whose first maximal compression may be one of round-off, ``(n_contact,)``.
+
+    The two bodies begin in balanced forces and at one velocity. Its last digits are a relative velocity, which the
+    contact turns into an oscillation; its acceleration exceeds that of a compression that counts.
+    """
+    scene = in_common_frame(scene)[0]
+    c, resting = scene.contacts, resting_acceleration(scene)
+    if scene.law is not None:
+        return np.zeros(scene.n_contact, dtype=bool)
+    velocity = np.append(scene.velocity, 0.0)
+    left, right, overlap = velocity[c.left], velocity[c.right], np.maximum(-c.gap, 0.0)
+    noise = COMMON * np.minimum(np.abs(left), np.abs(right))
+    # an oscillation at that speed with the tangent stiffness (n - 1) F / overlap; ``resting`` is RESTING F / mass
+    shaken = (c.exponent - 1.0) * noise**2 > RESTING * resting * overlap
+    return np.asarray((resting > 0.0) & (np.abs(left - right) <= noise) & shaken)
 
 
 def force_condition(scene: Scene) -> Floats:
@@ -122,7 +148,7 @@ def replica_uncertainty(run: Trajectory, replicas: Sequence[Trajectory], rule: R
         total[name] = most + LEAST * condition * largest
     # round-off can turn bodies that move alike: such a crossing is not there
     unsure = total["crossing_time"] > UNSURE * duration
-    total["crossing_time"] = np.where(unsure, math.inf, total["crossing_time"])
+    total["crossing_time"] = np.where(unsure | rule.unresolved, math.inf, total["crossing_time"])
     if rule.tolerances:
         least = rule.tolerances * run.provenance["settings"]["rtol"] * float(np.max(np.abs(run.velocity)))
         total["velocity"] = max(total["velocity"], least)

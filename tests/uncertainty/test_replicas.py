@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dem_bridge.scene import Damping, Scene
+from dem_bridge.scene import Damping, Scene, Wall
 from dem_bridge.uncertainty.replicas import (
     LOOSER,
     ODE45,
@@ -109,6 +109,25 @@ def test_a_damping_force_with_a_singular_end_makes_velocities_uncertain(
     uncertainty = replica_uncertainty(run, [run], rule)
     assert uncertainty["velocity"] == pytest.approx(max(tolerances * 3e-14, 16 * 2.0**-52) * speed, rel=1e-2, abs=0.0)
     assert uncertainty["displacement"] >= tolerances * 3e-14 * speed * run.time[-1]
+
+
+@pytest.mark.parametrize(
+    ("velocity", "precompression", "unresolved"),
+    [(14.0, 1e-9, [False, True, True]), (14.0, 0.0, [False] * 3), (0.0, 1e-9, [False] * 3), (14.0, 1e3, [False] * 3)],
+)
+def test_a_crossing_that_the_digits_of_a_common_velocity_may_make_has_no_finite_uncertainty(
+    velocity: float, precompression: float, unresolved: list[bool]
+) -> None:
+    # many-768: contacts with forces of 1e-9 N crossed at 0.12 s instead of 53 s; the first two bodies meet at 1 m/s
+    chain = Scene(
+        name="chain", duration=1.0, mass=(1.0,) * 4, stiffness=(1e2,) * 3, wall_left=Wall(stiffness=1e2),
+        velocity=(velocity + 1.0, *(velocity,) * 3), precompression=precompression,
+    )  # fmt: skip
+    rule = looser_rule(chain)
+    assert rule.unresolved[:3].tolist() == rule_of("reference", chain).unresolved[:3].tolist() == unresolved
+    run = free_flight(bodies=4, contacts=4)
+    uncertainty = replica_uncertainty(run, [run], replace(rule, tolerances=0.0))
+    assert np.isinf(uncertainty["crossing_time"])[:3].tolist() == unresolved
 
 
 def test_a_peak_force_of_ode45_is_no_less_uncertain_than_its_velocities() -> None:
