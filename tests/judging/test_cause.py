@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.judging import shown
 from dem_bridge.judging.cause import CAUSES, PRIORITY, diagnose
 from dem_bridge.judging.fitting import Stepping
 from dem_bridge.judging.judgement import judge_records
 from dem_bridge.judging.kernels import RK4, VERLET
 from dem_bridge.judging.model import Model, system_of
+from dem_bridge.judging.samples import half_steps
 from dem_bridge.judging.search import Search
 from dem_bridge.readers.record import Record
 from dem_bridge.scene import Damping, Scene, Wall
@@ -247,3 +251,27 @@ count = 60
     columns = {"velocity": (0, 1)}
     record = Record(name="f", time=run.time, values={"velocity": run.velocity}, columns=columns, rounding=nothing)
     assert judge_records(scene, [record]).cause == cause
+
+
+def test_a_law_that_is_a_function_has_no_hypotheses() -> None:
+    scene = Scene(name="law", duration=1e-4, mass=(1.0, 1.0), stiffness=(1e9,), velocity=(1.0, 0.0),
+                  law=lambda overlap: 1e9 * overlap**1.5)  # fmt: skip
+    found = diagnose(scene, [])
+    assert (found.cause, found.evidence) == (
+        "unknown", "Hypotheses are not available for contact laws that are functions.",
+    )  # fmt: skip
+
+
+def test_steps_beyond_all_counting_are_no_hypotheses() -> None:
+    data: Any = SimpleNamespace(model=SimpleNamespace(system=None), dt=1e-30, interval=1e-6, time=np.array([0.0, 1e-3]))
+    assert list(half_steps(data, 1e-7)) == []
+
+
+def test_an_error_without_a_scale_and_no_order_are_said() -> None:
+    part: Any = SimpleNamespace(value=1e-3, unit="m/s", uncertainty=2e-6, scale=0.0)
+    file: Any = None  # which is not looked at
+    text = shown._error_text(file, part)
+    assert "0.001 m/s" in text
+    assert "2e-06 m/s" in text
+    judgement: Any = SimpleNamespace(convergence=[])
+    assert shown._order_text(judgement) == shown.TEXTS("no_order")

@@ -365,3 +365,9 @@ def test_verify_asks_the_engine_named_and_a_style_that_it_lacks_is_not_run(binar
     (verdict,) = (v for v in found.verdicts if v.backend == "lammps-granular")
     assert verdict.outcome is Outcome.NOT_RUN
     assert "part of the GRANULAR package which is not enabled" in verdict.sentence
+
+
+def test_an_engine_of_another_type_is_refused() -> None:
+    wrong: Any = "lmp"
+    with pytest.raises(UsageError, match="engine = 'lmp'; allowed: an Engine, such as Engine"):
+        Engine.named(wrong)

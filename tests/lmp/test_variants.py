@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +13,11 @@ from hypothesis import strategies as st
 
 from dem_bridge.dense import schedule
 from dem_bridge.errors import UnsupportedScene
+from dem_bridge.lmp import variants
 from dem_bridge.lmp.deck import Deck, deck_of
 from dem_bridge.lmp.radii import MARGIN, encoded_radii
-from dem_bridge.lmp.variants import flat_walls, hertz_history, newton_off, with_restart
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.lmp.variants import flat_walls, frozen_walls, hertz_history, newton_off, with_restart
+from dem_bridge.scene import Adhesion, Damping, Scene, Wall
 
 SCENE = Scene(
     name="held",
@@ -157,3 +159,16 @@ def test_stiffnesses_that_radii_can_carry_are_carried(inverse: list[float], over
 def test_equal_stiffnesses_give_equal_radii_that_are_powers_of_two() -> None:
     radii, _ = encoded_radii(np.full(7, 4e9), np.full(7, 1e-5)) or (np.zeros(0), 0.0)
     assert radii.tolist() == [2.0**-16] * 8
+
+
+def test_variants_say_what_a_scene_lacks() -> None:
+    free = Scene(name="free", duration=1e-4, mass=(1.0, 1.0), stiffness=(1e9,), velocity=(1.0, 0.0))
+    glued = replace(free, adhesion=Adhesion(law="dmt", pull_off=0.5), gap=1e-6)
+    deck: Any = None  # which is not looked at
+    with pytest.raises(UnsupportedScene, match="the scene has no wall, which this variant requires"):
+        frozen_walls(deck, free)
+    with pytest.raises(UnsupportedScene, match="gran/hertz/history has no adhesion"):
+        hertz_history(deck, glued, np.ones(1))
+    assert encoded_radii(np.zeros(0), np.zeros(0)) is None
+    with pytest.raises(ValueError, match=r"'a' fits 2 places of the deck; allowed: one"):
+        variants._once("a", "b", "aa")

@@ -7,6 +7,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -127,3 +128,21 @@ def test_the_commands_show_a_store(kept: Store, monkeypatch: pytest.MonkeyPatch,
     assert runner.invoke(main, ["store", "prune"]).exit_code == 2
     monkeypatch.setenv(VARIABLE, "")
     assert "is empty" in runner.invoke(main, ["store", "list"]).output
+
+
+@pytest.mark.parametrize("limit", [{"days": -1.0}, {"megabytes": -1.0}, {"days": float("nan")}])
+def test_a_limit_below_zero_is_refused(limit: dict[str, float], kept: Store) -> None:
+    [(name, value)] = limit.items()
+    with pytest.raises(UsageError, match=f"{name} = {value!r}; allowed: a number >= 0"):
+        inspect.prune(kept, **limit)
+
+
+def test_a_case_whose_samples_take_too_much_memory_is_refused() -> None:
+    scene = Scene(name="row", duration=1.0, mass=(1.0,) * 20, stiffness=(1e9,) * 19, velocity=(1.0, *[0.0] * 19))
+    with pytest.raises(UsageError, match=r"row: 10000000 samples of 20 bodies take 4\.4 GiB; allowed: 4 GiB; give few"):
+        Case(scene=scene, backend="verlet", resolution=Resolution(), sampling=Sampling(count=10**7))
+
+
+def test_arrays_of_objects_are_not_kept(kept: Store) -> None:
+    with pytest.raises(TypeError, match="arrays of objects cannot be kept in the store"):
+        kept.save_arrays("0" * 64, {"x": np.array([None])})

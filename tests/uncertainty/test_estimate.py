@@ -294,3 +294,11 @@ def test_the_cost_of_the_uncertainty_is_not_that_of_the_run(name: str) -> None:
     assert run.cost.force_evaluations == alone.cost.force_evaluations
     assert run.uncertainty.cost.steps > 0
     assert run.uncertainty.cost.cpu > 0.0
+
+
+def test_a_family_of_too_many_steps_is_not_made_and_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(twins, "MOST_STEPS", 1)
+    scene = Scene(name="two", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=4)
+    case = Case(scene=scene, backend="verlet", resolution=Resolution(dt=1e-6), sampling=Sampling(count=4))
+    run = solve(case)
+    assert all(np.all(np.isinf(run.uncertainty[name])) for name in QUANTITIES)
