@@ -63,6 +63,8 @@ def draft_of_table(name: str, table: Table, scene: Scene, choices: Choices) -> D
     assigned = _assigned(table, scene, choices, notes)
     assigned = _forces(_of_axis(assigned, choices, notes), scene, notes)
     time, time_rounding, dt = _times(assigned, table, choices, notes)
+    if empty := [entry.heading for _, entry in assigned if not entry.values.size]:
+        raise UsageError(f"{empty[0]!r} has no values; allowed: a value for each of two or more times")
     draft = Draft(name=name, time=time, time_rounding=time_rounding, dt=dt, notes=notes)
     draft.headings = tuple(entry.heading for entry in table.entries)
     blocks = {

@@ -104,6 +104,18 @@ def test_structured_arrays_utf_16_and_arrays_with_a_dimension_of_one_are_read(tm
 
 
 @pytest.mark.parametrize(
+    ("time", "velocity", "name"),
+    [((0,), (0, 2), "time"), ((0,), (0,), "time"), ((3,), (3, 0), "velocity"), ((3,), (0, 0), "velocity")],
+)
+def test_an_array_without_values_is_refused_by_its_name(
+    time: tuple[int, ...], velocity: tuple[int, ...], name: str, tmp_path: Path
+) -> None:
+    np.savez(tmp_path / "run.npz", time=np.arange(np.prod(time)) * 1.0, velocity=np.zeros(velocity))
+    with pytest.raises(UsageError, match=rf"'{name}' has no values; allowed: a value for each of two or more times"):
+        read_record(tmp_path / "run.npz", CROSSED)
+
+
+@pytest.mark.parametrize(
     "header",
     [
         pytest.param(b"{'descr': '<f8', 1: 2, 'shape': (2, 2), 'fortran_order': False}", id="keys-of-several-types"),
