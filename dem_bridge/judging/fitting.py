@@ -149,9 +149,7 @@ class Data:
             sigma = block.sigma[:rows]
             if extra > 0.0:
                 sigma = np.sqrt(sigma**2 + (extra * block.scale) ** 2)
-            parts.append(
-                np.nan_to_num((value - block.values[:rows]) / sigma, nan=0.0, posinf=1e150, neginf=-1e150).ravel()
-            )
+            parts.append(np.nan_to_num((value - block.values[:rows]) / sigma).ravel())
         return np.clip(np.concatenate(parts), -1e150, 1e150)
 
     def errors(self, prediction: Sequence[Floats]) -> Floats:

@@ -328,7 +328,7 @@ def _checked(record: Record, scene: Scene) -> tuple[Record, list[str]]:
                 f" to {end:.6g} s; give the unit of time (--units time=ms), or a scene of this duration"
             )
     interval = float(np.max(np.diff(time), initial=0.0))
-    if record.dt is not None and 0.0 < interval < 0.99 * record.dt:
+    if record.dt is not None and interval < 0.99 * record.dt:
         notes.append(f"{record.name}: the step, {record.dt:.6g} s, is longer than the sampling, {interval:.6g} s.")
     widest = max(values.shape[1] for values in record.values.values())
     if (every := -(-len(record.time) * widest // MOST_VALUES)) > 1:

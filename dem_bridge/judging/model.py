@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,11 +44,16 @@ class System(NamedTuple):
     def changed(self, **values: object) -> System:
         """Return the system with other numbers."""
         system = self._replace(**values)  # type: ignore[arg-type]
-        return system._replace(
-            hertz=bool(np.all(system.exponent == 2.5)),
-            damped=bool(np.any(system.damping > 0.0)),
-            adhesive=bool(np.any(system.pull_off > 0.0)),
-        )
+        return system._replace(**_kinds(system.exponent, system.damping, system.pull_off))
+
+
+def _kinds(exponent: Floats, damping: Floats, pull_off: Floats) -> dict[str, Any]:
+    """Return the kinds of forces that a system has."""
+    return {
+        "hertz": bool(np.all(exponent == 2.5)),
+        "damped": bool(np.any(damping > 0.0)),
+        "adhesive": bool(np.any(pull_off > 0.0)),
+    }
 
 
 def system_of(scene: Scene) -> System:
@@ -61,25 +66,25 @@ def system_of(scene: Scene) -> System:
         out[place] = values
         return out
 
+    exponent = along(c.exponent, 2.5 if np.all(c.exponent == 2.5) else float(c.exponent[0]))
+    damping, pull_off = along(c.damping, 0.0), along(c.pull_off, 0.0)
     return System(
         mass=np.array(scene.mass),
         velocity=np.array(scene.velocity),
         free=scene.free_acceleration,
         stiffness=along(c.stiffness, 0.0),
-        exponent=along(c.exponent, 2.5 if np.all(c.exponent == 2.5) else float(c.exponent[0])),
+        exponent=exponent,
         gap=along(c.gap, 0.0),
-        damping=along(c.damping, 0.0),
+        damping=damping,
         damping_power=along(c.damping_power, 0.0),
-        pull_off=along(c.pull_off, 0.0),
+        pull_off=pull_off,
         drag=scene.drag,
         driven=driven_of(scene),
         clipped=bool(c.clip),
         pulls=False,
-        hertz=False,
-        damped=False,
-        adhesive=False,
         first_step=1e-4 * scene.duration,
-    ).changed()
+        **_kinds(exponent, damping, pull_off),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +126,7 @@ class Model:
         place = times / dt
         below = np.floor(place + 1e-5).astype(np.int64)
         fraction = place - below
-        if np.max(np.abs(fraction), initial=0.0) < 2e-5 + 1e-9 * float(np.max(place, initial=0.0)):
+        if np.max(np.abs(fraction)) < 2e-5 + 1e-9 * float(np.max(place)):
             return self.stepped(system, below, dt, method)
         steps, inverse = np.unique(np.concatenate([below, below + 1]), return_inverse=True)
         motion = self.stepped(system, steps, dt, method)
