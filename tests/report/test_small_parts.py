@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +14,7 @@ import pytest
 from matplotlib.figure import Figure as Canvas
 
 from dem_bridge.regression.compare import Change
-from dem_bridge.report import replay
+from dem_bridge.report import images, replay, strokes
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.page import study_files
@@ -99,3 +100,15 @@ def test_a_replay_reads_what_the_program_wrote(
     else:
         assert (code, shown.out) == (2, "")
         assert shown.err == "replay: dem-bridge verify ended with exit code 3 and wrote no verdicts\n"
+
+
+def test_markers_of_two_styles_keep_their_own_and_those_of_one_share_it() -> None:
+    pattern, group = r"(?s)<g( id=.a.)>\n(.*)</g>", '<g id="a">\n<use style="fill: {}"/>\n<use style="fill: {}"/>\n</g>'
+    mixed = group.format("red", "blue")
+    assert re.sub(pattern, images._of_group, mixed) == mixed
+    shared = re.sub(pattern, images._of_group, group.format("red", "red"))
+    assert shared == '<g id="a" style="fill: red">\n<use/>\n<use/>\n</g>'
+
+
+def test_a_stroke_without_a_colour_has_only_its_dashes() -> None:
+    assert strokes._arguments({"linestyle": [0, [1, 2]]}) == {"linestyle": (0, (1, 2))}

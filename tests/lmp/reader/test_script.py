@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from dem_bridge.errors import BlockedScript, SceneError
 from dem_bridge.lmp.opening import files_of
 from dem_bridge.lmp.reader.deck import read_script
+from dem_bridge.lmp.reader.formula import evaluated
 from dem_bridge.lmp.reader.particles import Particle
 from dem_bridge.lmp.reader.script import Script
 from tests.helpers.strategies import examples
@@ -247,3 +248,8 @@ def test_a_particle_may_be_too_large_for_its_volume() -> None:
     particle = Particle(number=1, kind=1, place=[0.0, 0.0, 0.0], diameter=1e200)
     particle.made_of(1000.0)
     assert particle.mass == math.inf
+
+
+@pytest.mark.parametrize(("text", "value"), [("-(2+1)", -3.0), ("+2", 2.0), ("3*-2", -6.0), ("-PI", -math.pi)])
+def test_signs_stand_before_numbers_and_brackets(text: str, value: float) -> None:
+    assert evaluated(text, {}.__getitem__) == value
