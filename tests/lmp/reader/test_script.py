@@ -252,4 +252,5 @@ def test_a_particle_may_be_too_large_for_its_volume() -> None:
 
 @pytest.mark.parametrize(("text", "value"), [("-(2+1)", -3.0), ("+2", 2.0), ("3*-2", -6.0), ("-PI", -math.pi)])
 def test_signs_stand_before_numbers_and_brackets(text: str, value: float) -> None:
-    assert evaluated(text, {}.__getitem__) == value
+    names: dict[str, float] = {}
+    assert evaluated(text, names.__getitem__) == value
