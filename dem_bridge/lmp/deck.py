@@ -194,8 +194,8 @@ def positions(scene: Scene, radius: float) -> Floats:
         total = math.fsum((high, low, gap))
         high, low = total, math.fsum((high, low, gap, -total))
         sums.append((high, low))
-    origin = sums[first]
-    gaps = [math.fsum((*here, -origin[0], -origin[1])) for here in sums]
+    origin = sums[first][0]  # 0, or the gap of the left wall
+    gaps = [math.fsum((*here, -origin)) for here in sums]
     line = 2.0 * radius * (np.arange(len(gaps)) - first)
     # a common grid, that of the farthest position: if the radius is a power of two, bodies in touch have overlap 0
     grid = math.ulp(max(abs(x + shift) for x, shift in zip(line.tolist(), gaps, strict=True)))

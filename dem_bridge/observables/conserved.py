@@ -57,7 +57,7 @@ def energy_uncertainty(scene: Scene, trajectory: Trajectory) -> Floats:
     by the forces of both contacts.
     """
     u_v, u_x = (trajectory.uncertainty[name] for name in ("velocity", "displacement"))
-    if not np.isfinite(u_v + u_x):
+    if not np.isfinite((u_v, u_x)).all():
         return np.full(len(trajectory.time), np.inf)
     mass, c, n = np.array(scene.mass), scene.contacts, scene.n_body
     force = c.force(np.maximum(contact_motion(scene, trajectory)[0], 0.0), np.arange(scene.n_contact))

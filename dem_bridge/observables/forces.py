@@ -44,7 +44,7 @@ def contact_force_uncertainty(scene: Scene | None, trajectory: Trajectory) -> Fl
     are needed for it.
     """
     u_x, u_v = (trajectory.uncertainty[name] for name in ("displacement", "velocity"))
-    if scene is None or not np.isfinite(u_x + u_v):
+    if scene is None or not np.isfinite((u_x, u_v)).all():
         return np.full(trajectory.contact_force.shape, np.inf)
     c, every = scene.contacts, np.arange(scene.n_contact)
     overlap, closing = contact_motion(scene, trajectory)

@@ -109,7 +109,7 @@ def _dissipated(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:
     touches = _touches(trajectory, overlap, closing)
     done, uncertainty = integrals(trajectory, lambda when, nodes: power(*at(when, nodes)), touches)
     u_x, u_v = (trajectory.uncertainty[name] for name in ("displacement", "velocity"))
-    if not np.isfinite(u_x + u_v):
+    if not np.isfinite((u_x, u_v)).all():
         return done, np.full(len(every), np.inf)
 
     def change(when: Floats, nodes: int) -> Floats:

@@ -42,8 +42,8 @@ def test_forces_may_be_off_by_twice_the_uncertainty_of_positions_and_of_velociti
     damped = replace(SPRINGS, damping=Damping(law="dashpot", coefficient=3.0))
     np.testing.assert_allclose(contact_force_uncertainty(damped, run), [[0.8, 0.0], [0.8, 0.74]], rtol=1e-12)
     assert np.all(np.isinf(contact_force_uncertainty(None, run)))
-    unknown = replace(run, uncertainty=UNKNOWN)
-    assert np.all(np.isinf(contact_force_uncertainty(SPRINGS, unknown)))
+    for lost in (UNKNOWN, uncertain(displacement=np.inf), uncertain(velocity=np.inf)):
+        assert np.all(np.isinf(contact_force_uncertainty(SPRINGS, replace(run, uncertainty=lost))))
 
 
 @pytest.mark.parametrize(

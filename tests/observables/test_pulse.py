@@ -359,6 +359,22 @@ def test_shapes_of_pulses_by_hand() -> None:
     assert pulse_shapes(scene, run, 1, share=0.2).velocity == pytest.approx([1.0, 0.25], rel=1e-9)
 
 
+@pytest.mark.parametrize("off", [0.3, 0.5, 0.7])
+def test_the_height_of_a_pulse_is_that_between_the_times_at_which_it_is_evaluated(off: float) -> None:
+    # a parabola of 0.0125 s, whose top is a part of 1/30000 s behind such a time
+    time, half = np.linspace(0.0, 1.0, 2001), 0.0125
+    middle = 0.3 + off / 30_000.0
+    inside = np.abs(time - middle) <= half
+    velocity = np.where(inside, 1.0 - ((time - middle) / half) ** 2, 0.0)
+    slope = np.where(inside, -2.0 * (time - middle) / half**2, 0.0)
+    scene = Scene(name="pulse", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0,) * 2, velocity=(0.0,) * 3)
+    run = free_flight(samples=2000, velocity=np.stack([velocity] * 3, axis=1),
+                      contact_force=np.stack([10.0 + slope, 10.0 + 0.0 * slope], axis=1),
+                      crossing_time=[0.2, 0.45])  # fmt: skip
+    # the largest of these values is too low by (off/30000/half)^2: up to 1.8e-6
+    assert pulse_shapes(scene, run, 1).velocity == pytest.approx([1.0], rel=1e-9)
+
+
 def test_only_the_decelerating_chain_of_the_paper_has_further_fronts(solved: Solve) -> None:
     # section 4a, for the mismatch of the first two contacts
     for name, counts in (("decelerating-40", [1, 2, 2, 2, 1]), ("accelerating-40", [0] * 5)):

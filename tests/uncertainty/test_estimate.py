@@ -15,6 +15,8 @@ from dem_bridge.backends import splitting
 from dem_bridge.backends.base import BACKENDS, Resolution, Sampling, backend
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL, ScipyDop853
+from dem_bridge.backends.steps import peaks_and_crossings
+from dem_bridge.backends.twin import solve_dense
 from dem_bridge.dense import Schedule
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
@@ -31,7 +33,7 @@ from dem_bridge.uncertainty.estimate import (
     solve,
 )
 from dem_bridge.uncertainty.own_steps import blanes_moan_family
-from dem_bridge.uncertainty.readings import finer_ratio
+from dem_bridge.uncertainty.readings import finer_ratio, read_dense
 from dem_bridge.uncertainty.twins import twin_family, twin_resolution
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=20)
@@ -125,6 +127,16 @@ def test_a_family_has_its_order_its_factors_and_the_cost_of_all_its_runs(name: s
     assert family.cost.steps == steps
     runs = [family.main, *family.others.values(), *([] if family.positional is family.main else [family.positional])]
     assert family.cost.force_evaluations == sum(run.cost.force_evaluations for run in runs)
+
+
+def test_readings_are_thinned_to_every_second_dense_sample() -> None:
+    plan = Schedule(step=1e-7, per_sample=50, subdivisions=10, samples=20)
+    run, dense = solve_dense(PAIR, plan, 0.0)
+    found = read_dense(PAIR, plan, dense, run).thinned
+    second, third = (peaks_and_crossings(PAIR, plan, dense, every=every) for every in (2, 3))
+    for own, expected, other in zip(found, second, third, strict=True):
+        np.testing.assert_array_equal(own, expected)
+        assert own[0] != other[0]
 
 
 @pytest.mark.parametrize("make", [twin_family, _blanes_moan])
