@@ -43,9 +43,8 @@ class QuantityErrors:
 
     @property
     def uncertainty(self) -> float:
-        """Uncertainty of the largest error: how much larger or smaller the largest error of all samples may be."""
-        size = np.abs(self.error)
-        return max(float(np.max(size + self.explained)) - self.value, self.value - float(np.max(size - self.explained)))
+        """Uncertainty of the largest error: how much larger it may be; it is never smaller by more than that."""
+        return float(np.max(np.abs(self.error) + self.explained)) - self.value
 
     @property
     def floor(self) -> float:

@@ -291,6 +291,8 @@ def test_the_numbers_of_a_scene_are_along_its_line() -> None:
     glue = Adhesion(law="dmt", pull_off=0.5)
     glued = system_of(replace(CHAIN, wall_left=None, wall_right=None, adhesion=glue))
     assert (glued.adhesive, glued.pull_off.tolist()) == (True, [0.0, 0.5, 0.5, 0.0])
+    parted = system_of(replace(CHAIN, wall_left=None, wall_right=None))
+    assert (parted.hertz, parted.exponent.tolist()) == (True, [2.5] * 4)
     assert plain.changed(damping=np.array([0.0, 0.0, 0.0, 0.5])).damped
     assert plain.changed(pull_off=np.array([0.0, 0.5, 0.0, 0.0])).adhesive
     assert not plain.changed(exponent=np.array([2.5, 2.5, 2.4, 2.5])).hertz

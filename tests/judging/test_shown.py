@@ -116,6 +116,12 @@ def test_the_lines_of_two_files_name_the_judged_one_and_the_order() -> None:
     assert shown._file_name(file_of(part(ERROR), dt=None)) == "run.csv"
 
 
+def test_times_have_four_digits() -> None:
+    lines = dict(shown.lines(judgement_of(file_of(part(ERROR), end=2.46913e-4))))
+    assert lines["velocity"].endswith("; body 1 at 123.5 µs")
+    assert lines["divergence"].endswith(" of body 1 at 123.5 µs.")
+
+
 @pytest.mark.parametrize(
     ("names", "text"), [("a", "a"), ("ab", "a and b"), ("abc", "a and 2 more files"), ("abcd", "a and 3 more files")]
 )
