@@ -55,7 +55,7 @@ _UNITS = {
 _SPELLINGS = sorted({*QUANTITIES, *_ALIASES}, key=len, reverse=True)
 _WORDS = "standard_uncertainty|uncertainty|sigma|std|u"
 _HEADING = re.compile(
-    rf"(?:(?P<before>{_WORDS})[_ ](?:of[_ ])?)?(?P<name>time|t|{'|'.join(_SPELLINGS)})(?:[_ ]?(?P<nth>\d{1, 9}))?"
+    rf"(?:(?P<before>{_WORDS})[_ ](?:of[_ ])?)?(?P<name>time|t|{'|'.join(_SPELLINGS)})(?:[_ ]?(?P<nth>\d{{1,9}}))?"
     rf"(?:[_ ](?P<after>{_WORDS}))?(?:_(?P<plain>[A-Za-zµ_]+)|\s*[(\[](?P<unit>[^)\]]*)[)\]])?"
 )
 _PLAIN_UNITS = "|".join(unit for units in _UNITS.values() for unit in units if "/" not in unit)
