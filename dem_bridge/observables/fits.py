@@ -226,8 +226,9 @@ def _least_squares(x: Floats, y: Floats) -> tuple[float, float, Floats]:
     """Return the slope, its standard error, and the weight of each y in it."""
     away = x - np.mean(x)
     weight = away / np.sum(away**2)
-    slope = float(weight @ y)
-    residual = y - np.mean(y) - slope * away
+    above = y - np.mean(y)  # of a small gradient the mean would leave its rounding
+    slope = float(weight @ above)
+    residual = above - slope * away
     return slope, float(np.sqrt(np.sum(residual**2) / (len(x) - 2) / np.sum(away**2))), weight
 
 
