@@ -313,7 +313,8 @@ def damped_peaks(
         polynomial, span, early, late = (np.concatenate(parts, axis=-1) for parts in zip(*pieces, strict=True))
         if len(span) == 0:
             continue
-        between = np.maximum(poly.polyval(part, polynomial), 0.0)
+        # closed, at touch too: an overlap of 0 would be without the pull-off
+        between = np.maximum(poly.polyval(part, polynomial), np.nextafter(0.0, 1.0))
         velocity = poly.polyval(part, poly.polyder(polynomial)) / span[:, None]
         law = contacts.force(between[..., None], which)[..., 0] + c * between**power * velocity
         # a parabola through the largest value and its two neighbours
