@@ -85,14 +85,19 @@ def _check(headers: dict[str, tuple[tuple[int, ...], np.dtype[Any]]]) -> None:
         if dtype.hasobject or not (dtype.names or dtype.kind in "fiubSU"):
             raise UsageError(f"{name!r} has the type {dtype}; allowed: numbers; write float64")
         _check_size(name, shape, dtype)
-    if sum(math.prod(shape) * dtype.itemsize for shape, dtype in headers.values()) > MOST_BYTES:
+    if sum(_size(shape, dtype) for shape, dtype in headers.values()) > MOST_BYTES:
         raise UsageError(f"the arrays have more than {MOST_BYTES >> 20} MiB; write fewer samples")
 
 
 def _check_size(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
     """Raise UsageError for an array that is too large."""
-    if math.prod(shape) * dtype.itemsize > MOST_BYTES:
+    if _size(shape, dtype) > MOST_BYTES:
         raise UsageError(f"{name!r} has the shape {shape}, more than {MOST_BYTES >> 20} MiB; write fewer samples")
+
+
+def _size(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
+    """Return the bytes of an array, as if a length of 0 were 1: beside one, any other length would be allowed."""
+    return math.prod(max(length, 1) for length in shape) * dtype.itemsize
 
 
 def _table(arrays: dict[str, NDArray[Any]]) -> Table:

@@ -80,6 +80,7 @@ def test_tolerances_of_the_largest_speed_are_the_least_of_velocities_and_with_th
         found = replica_uncertainty(run, [replace(run, velocity=run.velocity + moved)], rule)
         assert found["velocity"] == pytest.approx(velocity, rel=1e-6)
         assert found["displacement"] == pytest.approx(2.0 * 96e-6, rel=1e-6)
+        assert found["crossing_time"] == pytest.approx(2.0 * 32e-6, rel=1e-6)
     far = replica_uncertainty(run, [replace(run, displacement=run.displacement + 1e-3)], rule)
     assert far["displacement"] == pytest.approx(9e-3, rel=1e-6)
 
@@ -95,15 +96,23 @@ def test_displacements_beyond_a_gap_lose_its_last_digit_at_every_step() -> None:
 
 
 @pytest.mark.parametrize(
-    ("exponent", "clip", "tolerances"), [(2.65, False, 32.0), (2.65, True, 0.0), (3.5, False, 0.0)]
+    ("law", "exponent", "clip", "tolerances"),
+    [
+        ("kuwabara-kono", 2.65, False, 32.0),
+        ("kuwabara-kono", 2.65, True, 0.0),
+        ("kuwabara-kono", 3.5, False, 0.0),
+        ("dashpot", 2.65, False, 32.0),
+        ("dashpot", 2.65, True, 0.0),
+    ],
 )
 def test_a_damping_force_with_a_singular_end_makes_velocities_uncertain(
-    exponent: float, clip: bool, tolerances: float
+    law: str, exponent: float, clip: bool, tolerances: float
 ) -> None:
-    # many-998: runs at three tolerances agreed to 1e-13 of the largest speed, and all were off by 7e-13
-    damping = Damping(law="kuwabara-kono", coefficient=1e-6, clip=clip)
+    # many-998: runs at three tolerances agreed to 1e-13 of the largest speed, and all were off by 7e-13; many-5309,
+    # whose force jumps: displacements were off by 5 tolerances, and by 4.8 times the differences
+    damping = Damping(law=law, coefficient=1e-6, clip=clip)
     rule = looser_rule(replace(PAIR, exponent=exponent, damping=damping))
-    assert rule.tolerances == tolerances
+    assert (rule.tolerances, rule.peaks_follow_velocities) == (tolerances, tolerances > 0.0)
     run = replace(free_flight(bodies=2, contacts=1), provenance={"settings": {"rtol": 3e-14}})
     speed = np.max(np.abs(run.velocity))
     uncertainty = replica_uncertainty(run, [run], rule)
