@@ -83,6 +83,24 @@ def test_what_dashpots_take_at_constant_speeds_is_power_times_time(clip: bool) -
     assert (free.dissipated_uncertainty == 0.0).all()
 
 
+def test_what_damping_by_overlap_takes_is_uncertain_by_twice_the_displacement() -> None:
+    # n = 3: a force of c overlap rate; two bodies that approach by 1 m/s from touch on, and so an overlap of t
+    scene = Scene(
+        name="two", duration=1.0, mass=(2.0, 4.0), stiffness=(10.0,), exponent=3.0, velocity=(2.0, 1.0),
+        damping=Damping(law="kuwabara-kono", coefficient=0.1, clip=False),
+    )  # fmt: skip
+    speed = np.array([2.0, 1.0])
+    run = free_flight(bodies=2, contacts=1, samples=20)
+    run = replace(run, velocity=np.ones((21, 1)) * speed, displacement=run.time[:, None] * speed)
+    exact, off = (
+        energy_ledger(scene, replace(run, uncertainty=uncertain(displacement=size, velocity=0.0)))
+        for size in (0.0, 0.01)
+    )
+    dissipated = exact.dissipated[-1, 0]  # c / 2
+    more = off.dissipated_uncertainty[0] - exact.dissipated_uncertainty[0]
+    assert more == pytest.approx(2.0 * 0.01 * 2.0 * dissipated, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("change", "share"), [({"coefficient": 0.91}, 1e-3), ({"clip": True}, 1e-4)], ids=["coefficient", "clip"]
 )

@@ -77,6 +77,14 @@ def test_parseval_holds_for_any_velocities(samples: int, seed: int) -> None:
         assert np.all(spectrum.density >= 0.0)
 
 
+def test_the_defect_of_parseval_is_that_of_the_worst_body(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, run = _even()
+    transform, factor = np.fft.rfft, np.ones(run.velocity.shape[1])
+    factor[3] = 1.1
+    monkeypatch.setattr(np.fft, "rfft", lambda v, axis: transform(v, axis=axis) * factor[: v.shape[1]])
+    assert frequency_spectrum(scene, run).parseval == pytest.approx(0.21, rel=1e-9)
+
+
 def test_a_line_is_where_its_frequency_is() -> None:
     scene, run = _even()
     tone = np.cos(2.0 * np.pi * 50.0 * run.time[:, None]) * np.ones(BODIES)

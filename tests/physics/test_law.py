@@ -35,6 +35,13 @@ def test_what_is_no_power_law_is_refused(stiffness: float, exponent: float, word
         power_law(stiffness, exponent)
 
 
+@pytest.mark.parametrize("power", [1.0, 1.5, 3.3])
+def test_energy_by_quadrature_has_all_digits_far_below_the_reach(power: float) -> None:
+    law = law_of(lambda d: 1e9 * d**power, reach=REACH)
+    overlap = REACH * 2.0 ** -np.array([5.3, 12.7, 20.7, 38.2])
+    assert law.energy(overlap) == pytest.approx(1e9 * overlap ** (power + 1.0) / (power + 1.0), rel=1e-14, abs=0.0)
+
+
 @given(exponent=st.floats(2.0, 5.0))
 def test_energy_by_quadrature_is_the_exact_one(exponent: float) -> None:
     exact = power_law(1e9, exponent)
