@@ -83,6 +83,19 @@ def test_what_dashpots_take_at_constant_speeds_is_power_times_time(clip: bool) -
     assert (free.dissipated_uncertainty == 0.0).all()
 
 
+def test_what_drag_takes_is_the_kinetic_energy_that_free_bodies_lose() -> None:
+    drag, speed, mass = 0.5, np.array([2.0, 3.0]), np.array([2.0, 4.0])
+    scene = Scene(
+        name="two", duration=1.0, mass=tuple(mass), stiffness=(10.0,), gap=(9.0,), velocity=tuple(speed), drag=drag
+    )
+    run = free_flight(bodies=2, contacts=1, samples=20)
+    left = np.exp(-drag * run.time)[:, None]
+    run = replace(run, velocity=left * speed, displacement=(1.0 - left) / drag * speed)
+    lost = 0.5 * float(mass @ speed**2) * (1.0 - left[:, 0] ** 2)
+    # quintics between samples of 0.05 s err by (0.5 0.05)^6 / 720
+    assert energy_ledger(scene, run).drag == pytest.approx(lost, rel=1e-11, abs=1e-15)
+
+
 def test_what_damping_by_overlap_takes_is_uncertain_by_twice_the_displacement() -> None:
     # n = 3: a force of c overlap rate; two bodies that approach by 1 m/s from touch on, and so an overlap of t
     scene = Scene(
