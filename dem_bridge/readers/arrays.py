@@ -76,6 +76,8 @@ def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
             shape, _, dtype = read(stream)
     except (TypeError, DeprecationWarning) as error:  # numpy sorts the keys, which may be of several types
         raise ValueError(f"its header cannot be read: {error}") from error
+    if min(shape, default=0) < 0:
+        raise ValueError("its header has a length below 0")
     return shape, dtype
 
 

@@ -121,6 +121,7 @@ def test_an_array_without_values_is_refused_by_its_name(
         pytest.param(b"{'descr': '<f8', 1: 2, 'shape': (2, 2), 'fortran_order': False}", id="keys-of-several-types"),
         pytest.param(b"{'descr': '|a8', 'shape': (2, 2), 'fortran_order': False}", id="abandoned-name-of-a-type"),
         pytest.param(b"{'descr': '<f8', 'shape': (0, 2%b), 'fortran_order': False}" % (b"0" * 30), id="beyond-64-bits"),
+        pytest.param(b"{'descr': '<f8', 'shape': (2, -9223372036854775809), 'fortran_order': False}", id="below-0"),
     ],
 )
 def test_a_header_of_an_npy_file_that_numpy_does_not_write_is_refused(header: bytes, tmp_path: Path) -> None:
