@@ -18,8 +18,8 @@ from dem_bridge.leftovers import owned, sweep
 MOST_TEXT = 2**26
 #: largest size of a file of samples and of the arrays in it, bytes
 MOST_BYTES = 2**29
-#: name of the page of a report, and what is near the beginning of each
-PAGE, GENERATOR = "index.html", b'<meta name="generator" content="dem_bridge">'
+#: name of the page of a report, and what is near the beginning of each; the second is of pages before they had the first
+PAGE, GENERATORS = "index.html", (b'<meta name="generator" content="dem_bridge">', b"--ink: #1b1f24; --paper: #ffffff;")
 #: variable with the folder below which the files must be that scenes and decks name
 FILES_BELOW = "DEM_BRIDGE_FILES_BELOW"
 
@@ -122,7 +122,8 @@ def check_report_folder(folder: Path) -> None:
     page = folder / PAGE
     if page.exists():
         with opened(page, MOST_BYTES) as file:
-            if GENERATOR not in file.read(4096):
+            head = file.read(4096)
+            if not any(generator in head for generator in GENERATORS):
                 allowed = f"a folder without {PAGE}, or with an earlier report"
                 raise UsageError(f"{page}: the page is not from dem_bridge and would be lost; allowed: {allowed}")
 

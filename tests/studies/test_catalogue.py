@@ -408,4 +408,8 @@ def test_a_page_that_is_not_from_dem_bridge_is_not_replaced(tmp_path: Path) -> N
     assert page.read_text() == foreign
     page.unlink()
     report.save(tmp_path)
+    earlier = page.read_text().replace('<meta name="generator" content="dem_bridge">\n', "")
+    assert "generator" not in earlier
+    page.write_text(earlier)
     report.save(tmp_path)
+    assert "generator" in page.read_text()
