@@ -18,7 +18,7 @@ from dem_bridge.leftovers import owned, sweep
 MOST_TEXT = 2**26
 #: largest size of a file of samples and of the arrays in it, bytes
 MOST_BYTES = 2**29
-#: name of the page of a report, and what is near the beginning of each; the second is of pages before they had the first
+#: name of the page of a report, and what is near the beginning of each; the second is of pages that lack the first
 PAGE, GENERATORS = "index.html", (b'<meta name="generator" content="dem_bridge">', b"--ink: #1b1f24; --paper: #ffffff;")
 #: variable with the folder below which the files must be that scenes and decks name
 FILES_BELOW = "DEM_BRIDGE_FILES_BELOW"
