@@ -3,7 +3,7 @@
     make mutate                          # 300 faults of a seeded sample
     make mutate ARGS="--count 60"        # the first 60 of them
     make mutate ARGS="--again 17"        # one of them, with what the tests print
-    make mutate ARGS="--part judging --file judging/order.py --count 99999 --folder /tmp/order"   # all of one file
+    make mutate ARGS="--part judging --file judging/order.py --count 9999 --folder reports/latest/one"  # one file
 
 A fault is one change of an operator, a comparison, a constant or a choice, as mutmut and cosmic-ray plant them, in the
 modules of ``PARTS``. No file is changed: the tests are collected once, and a forked process for each fault gives the

@@ -38,6 +38,10 @@ def natural_scales(scene: Scene) -> tuple[float, NDArray[np.float64]]:
     return speed, depth + initial if held else depth
 
 
+#: part of the overlap that the energy of a scene allows, and of its largest speed, below which no force matters
+UNFELT = 1e-12
+
+
 def unfelt_overlap(scene: Scene) -> NDArray[np.float64]:
     """Return the overlap of each contact, m, ``(n_contact,)``, below which it has no force that could matter.
 
@@ -47,7 +51,7 @@ def unfelt_overlap(scene: Scene) -> NDArray[np.float64]:
     speed, depth = natural_scales(scene)
     if scene.law is None and scene.precompression == 0.0 and speed > 0.0:
         depth = np.minimum(depth, 1e3 * pair_overlap(scene, speed))
-    return np.asarray(1e-12 ** np.maximum(1.0, 2.0 / scene.contacts.exponent) * depth)
+    return np.asarray(UNFELT ** np.maximum(1.0, 2.0 / scene.contacts.exponent) * depth)
 
 
 def pair_overlap(scene: Scene, speed: float) -> NDArray[np.float64]:

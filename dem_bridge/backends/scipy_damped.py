@@ -23,14 +23,12 @@ from scipy.optimize import minimize_scalar
 
 from dem_bridge.backends import scipy_kernels as kernels
 from dem_bridge.backends.base import Sampling
-from dem_bridge.backends.scales import natural_scales
+from dem_bridge.backends.scales import UNFELT, natural_scales
 from dem_bridge.backends.scipy_integration import Integration, Step, root_of
 from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, SLACK, Floats
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
 
-#: closing rate that is not felt, of the largest speed, as in :func:`.scales.unfelt_overlap`
-UNFELT_RATE = 1e-12
 #: fractions of a step at which forces and overlaps are evaluated. The two next to the ends tell whether a force still
 #: rises there; a maximum between them and the end is missed by (1e-6)^2 of it
 PROBES = np.concatenate([[0.0, 1e-6], np.arange(1, 8) / 8.0, [1.0 - 1e-6, 1.0]])
@@ -48,7 +46,7 @@ class DampedIntegration(Integration):
         self.clip = scene.contacts.clip
         self.touch = np.maximum(self.touch, 1e-300)  # smallest that divides; a scene at rest has no scale
         speed, depth = natural_scales(scene)
-        largest, unfelt = self._force_scale(depth, speed), self._force_scale(self.touch, UNFELT_RATE * speed)
+        largest, unfelt = self._force_scale(depth, speed), self._force_scale(self.touch, UNFELT * speed)
         # a body far lighter than the others, or much slower relative to them than all together, feels smaller forces
         self.unnoticed = np.maximum(np.minimum(kernels.UNNOTICED * largest, unfelt), 1e-300)
         self.last_event, self.at_once = -1.0, 0

@@ -151,11 +151,11 @@ def replica_uncertainty(run: Trajectory, replicas: Sequence[Trajectory], rule: R
     unsure = total["crossing_time"] > UNSURE * duration
     total["crossing_time"] = np.where(unsure | rule.unresolved, math.inf, total["crossing_time"])
     if rule.tolerances:
-        share = rule.tolerances * run.provenance["settings"]["rtol"]
-        least = share * float(np.max(np.abs(run.velocity)))
+        relative = rule.tolerances * run.provenance["settings"]["rtol"]
+        least = relative * float(np.max(np.abs(run.velocity)))
         total["velocity"] = max(total["velocity"], least)
         total["displacement"] = max(total["displacement"], least * duration)
-        total["crossing_time"] = np.maximum(total["crossing_time"], share * duration)
+        total["crossing_time"] = np.maximum(total["crossing_time"], relative * duration)
     total["displacement"] += 0.5 * run.cost.steps * _EPSILON * rule.rounded_length
     if rule.peaks_follow_velocities:
         speed = float(np.max(np.abs(run.velocity)))

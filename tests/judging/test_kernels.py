@@ -90,8 +90,10 @@ def one_step(method: int, x: Floats, v: Floats, a: Floats, dt: float, s: System)
     if method == kernels.EXPLICIT_EULER:
         return x + dt * v, v + dt * acceleration(x, v, s), a
 
+    n = len(x)
+
     def slope(y: Floats) -> Floats:
-        return np.concatenate([y[3:], acceleration(y[:3], y[3:], s)])
+        return np.concatenate([y[n:], acceleration(y[:n], y[n:], s)])
 
     y = np.concatenate([x, v])
     k1 = slope(y)
@@ -99,7 +101,7 @@ def one_step(method: int, x: Floats, v: Floats, a: Floats, dt: float, s: System)
     k3 = slope(y + 0.5 * dt * k2)
     k4 = slope(y + dt * k3)
     y = y + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    return y[:3], y[3:], a
+    return y[:n], y[n:], a
 
 
 @pytest.mark.parametrize("name", ["hertz", "gravity and drag", "dashpot"])

@@ -43,9 +43,8 @@ class Particle:
 
     def made_of(self, density: float, *, disc: bool = False) -> None:
         """Set the mass to density times volume, or times area for a disc."""
-        radius = (
-            self.radius if self.radius < 1e100 else math.inf
-        )  # a power beyond floats is an error, one of inf is not
+        # a power beyond floats is an error, one of inf is not
+        radius = self.radius if self.radius < 1e100 else math.inf
         size = math.pi * radius**2 if disc else 4.0 * math.pi / 3.0 * radius**3
         self.mass, self.density, self.weighed = size * density, density, False
 
