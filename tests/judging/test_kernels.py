@@ -141,7 +141,7 @@ def test_the_adaptive_method_arrives_at_the_solution_of_another_code(name: str) 
     start = np.concatenate([np.zeros(3), model.system.velocity])
     truth = solve_ivp(right_side, (0.0, 1e-4), start, "DOP853", times, rtol=1e-11, atol=1e-15)
     x, v, a, f = kernels.adaptive.interpret(model.system, times, model.speed, 1e-10, *model._pair)
-    # 3,000 tolerances of the speed at most, for bodies collide often: it was 50 to 940 with seven versions of libm, whose
+    # 3,000 tolerances of the speed at most, for bodies collide often: 50 to 940 with seven versions of libm, whose
     # last digits choose other steps; and no error of a velocity lasts longer than the run
     velocity = 3000.0 * 1e-10 * model.speed
     np.testing.assert_allclose(v, truth.y[3:].T, rtol=0.0, atol=velocity)
