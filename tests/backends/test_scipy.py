@@ -248,7 +248,8 @@ def test_far_behind_a_gap_displacements_are_known_to_what_the_gap_leaves() -> No
         error = float(np.max(np.abs(run.displacement - truth.displacement)))
         assert error <= run.uncertainty["displacement"] + truth.uncertainty["displacement"]
         assert np.max(np.abs(run.velocity - truth.velocity)) < 1e-11
-    assert error > 1e-7, "1e12 m are known to 1e-4 m, and displacements to less?"
+        # 1e12 m are known to 1e-4 m, however near a run comes by luck
+        assert run.uncertainty["displacement"] >= np.spacing(gap)
 
 
 def test_the_first_moment_of_a_contact_is_found_however_early_it_is() -> None:

@@ -117,7 +117,7 @@ def test_a_damping_force_with_a_singular_end_makes_velocities_uncertain(
     speed = np.max(np.abs(run.velocity))
     uncertainty = replica_uncertainty(run, [run], rule)
     assert uncertainty["velocity"] == pytest.approx(max(tolerances * 3e-14, 16 * 2.0**-52) * speed, rel=1e-2, abs=0.0)
-    assert uncertainty["displacement"] >= tolerances * 3e-14 * speed * run.time[-1]
+    assert uncertainty["displacement"] >= (1.0 - 1e-12) * tolerances * 3e-14 * speed * run.time[-1]
 
 
 @pytest.mark.parametrize(
