@@ -8,7 +8,7 @@ PYTEST := -n auto
 # without bytecode every process of the tests, and every process that a test starts, would compile all modules again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup verify test test-all bench docs lint peers pins wheels mutate soak coverage clean
+.PHONY: setup verify test test-all bench docs lint peers pins wheels mutate machines soak coverage clean
 
 setup: $(STAMP)
 
@@ -71,6 +71,10 @@ wheels:
 # plant small faults one at a time and count those that no test catches; an hour or more, and it may be interrupted
 mutate: $(STAMP)
 	$(BIN)/python .ci/mutate.py $(ARGS)
+
+# the tests whose subject is digits, as on other processors and libraries; ARGS="--whole" for the whole suite
+machines: $(STAMP)
+	$(BIN)/python .ci/machines.py $(ARGS)
 
 # campaigns that are killed, have no room, or find damaged files and other users, for an hour; not part of CI
 soak: $(STAMP)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers.move_pins import coverage_table, faults, mutate, quality, wheels
+from tests.helpers.move_pins import coverage_table, faults, machines, mutate, quality, wheels
 
 ROOT = Path(__file__).parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -19,7 +19,7 @@ WORKFLOW = (ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8")
 CONTAINER = (ROOT / "Containerfile").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("module", [coverage_table, faults, mutate, quality, wheels])
+@pytest.mark.parametrize("module", [coverage_table, faults, machines, mutate, quality, wheels])
 def test_the_examples_of_the_programs(module: object) -> None:
     result = doctest.testmod(module)  # type: ignore[arg-type]
     assert (result.failed, result.attempted > 0) == (0, True)

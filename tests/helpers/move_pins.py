@@ -9,6 +9,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent.parent / ".ci"))
 
 import coverage_table as coverage_table
 import faults as faults
+import machines as machines
 import move_pins as move_pins
 import mutate as mutate
 import parts as parts
