@@ -1,12 +1,10 @@
-"""Compiled kernels: compiled when first called and when a source has changed, and interruptible while they run."""
+"""Compiled kernels: compiled when first called and when their content has changed, and interruptible while they run."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from functools import cached_property, update_wrapper
-from pathlib import Path
 from typing import Any
 
 from dem_bridge.stopwatch import cpu_time, credit
@@ -28,9 +26,9 @@ class Kernel:
     @cached_property
     def compiled(self) -> Any:
         """The function as numba compiles it; a loop of a hundred thousand calls calls this directly."""
-        from numba import njit
+        from dem_bridge.kernel_cache import compile_function
 
-        return njit(cache=True, nogil=self.nogil)(self.py_func)
+        return compile_function(self.py_func, nogil=self.nogil)
 
     @property
     def _numba_type_(self) -> Any:
@@ -72,24 +70,6 @@ def kernel(*, nogil: bool = True) -> Callable[[Callable[..., Any]], Kernel]:
     3.0
     """
     return lambda function: Kernel(function, nogil)
-
-
-def forget_stale(package: Path = Path(__file__).parent) -> None:
-    """Delete all cached kernels that are older than a source file with a kernel, so that they are compiled again.
-
-    numba compares a cached kernel with its own source file only. The kernel has inlined functions from other files,
-    which may have changed since, for example after ``git pull``; numba would go on using the old code.
-    """
-    indexes = list(package.glob("**/__pycache__/*.nbi"))
-    sources = {index.parent.parent / f"{index.name.split('.')[0]}.py" for index in indexes}
-    newest = max((source.stat().st_mtime for source in sources if source.exists()), default=0.0)
-    for index in indexes:
-        with suppress(OSError):  # another process deleted it, or the folder is read-only
-            if index.stat().st_mtime < newest:
-                index.unlink()
-
-
-forget_stale()
 
 
 def interruptible(kernel: Callable[..., Any], *arguments: Any) -> Any:

@@ -5,8 +5,6 @@ The checks download nothing and change nothing.
 
 from __future__ import annotations
 
-import importlib
-import os
 import shutil
 import sys
 from collections.abc import Iterator
@@ -19,6 +17,7 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
 from dem_bridge.errors import DemBridgeError
+from dem_bridge.kernel_folders import ADVICE, existing_folders, lasting_folder
 from dem_bridge.lmp.engine import STYLES, Engine
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.process import probe, require, run_deck, workspace
@@ -27,6 +26,8 @@ from dem_bridge.lmp.process import probe, require, run_deck, workspace
 SPACE = 100_000_000
 #: smallest deck that uses everything a run needs: atoms, granular contacts, ranks, a log and a dump
 _DECK = Path(__file__).with_name("smallest_deck.lmp")
+#: damaged kernels that are named
+_NAMED = 3
 _OTHER_ENGINE = "use another LAMMPS with --lmp or --python"
 
 
@@ -43,7 +44,7 @@ class Finding:
     needed: bool = True
     """True if a run with default settings needs it."""
     defect: bool = False
-    """True for a known defect of LAMMPS, which the remedy avoids."""
+    """True for a known defect of LAMMPS, which the remedy avoids, and for damage from which runs recover."""
 
     @property
     def fine(self) -> bool:
@@ -156,18 +157,24 @@ def ranks(engine: Engine) -> Finding:
 
 
 def numba_cache() -> Finding:
-    """Check the folder of compiled kernels; without such a folder they cannot be loaded."""
-    remedy = "set NUMBA_CACHE_DIR to a writable folder"
-    try:
-        path = importlib.import_module("dem_bridge.backends.prescan")._run.compiled.stats.cache_path
-    except RuntimeError as error:
-        return Finding(name="numba cache", state=str(error).split("\n")[0], remedy=remedy)
-    fine = os.access(path, os.W_OK)
+    """Check the folder of compiled kernels, and each kernel in it."""
+    from dem_bridge.kernel_cache import damaged_files  # imports numba
+
+    folder, faults = lasting_folder()
+    if folder is None:
+        state = f"no folder can be written, so kernels are compiled again in every session: {faults}"
+        return Finding(name="numba cache", state=state, remedy=ADVICE, needed=False)
+    state = f"{folder}, since these cannot be used: {faults}" if faults else str(folder)
+    damaged = [f"{place / name} ({why})" for place in existing_folders() for name, why in damaged_files(place)]
+    if not damaged:
+        return Finding(name="numba cache", state=state, needed=False)
+    more = f" and {len(damaged) - _NAMED} more" if len(damaged) > _NAMED else ""
     return Finding(
         name="numba cache",
-        state=path if fine else f"{path} is not writable, so kernels are compiled again in every session",
-        remedy="" if fine else remedy,
+        state=f"{state}: damaged kernels, which are never used: {', '.join(damaged[:_NAMED])}{more}",
+        remedy="delete them, and check the disk if there are more later; kernels are compiled anew where needed",
         needed=False,
+        defect=True,
     )
 
 

@@ -31,6 +31,9 @@ LAYERS = {
         "isolated_child",
         "netcdf",
         "compiled",
+        "kernel_cache",
+        "kernel_content",
+        "kernel_folders",
         "checked",
         "notebook",
         "notebook_sketch",
@@ -60,6 +63,10 @@ SIDEWAYS = {
     ("plot", "api"): "theories are solved when they are to stand beside a run",
     ("netcdf", "files"): "the size of a file is checked before it is read",
     ("netcdf", "isolated"): "HDF5 may crash or never end on a damaged file",
+    ("compiled", "kernel_cache"): "kernels are kept on disk, where numba is imported",
+    ("kernel_cache", "files"): "what is no regular file is never opened",
+    ("kernel_cache", "kernel_content"): "a kernel is kept under its content",
+    ("kernel_cache", "kernel_folders"): "... in a folder that is safe",
     ("scene", "contacts"): "a scene gives its contacts as arrays",
     ("scene", "damping"): "a scene has damping",
     ("scene", "geometry"): "a scene may say what its bodies are",
@@ -237,7 +244,11 @@ def test_only_the_process_starts_processes_for_lammps_and_one_reads_files_in_a_c
 def test_lower_layers_know_numpy_and_scipy_alone() -> None:
     standard = sys.stdlib_module_names | {"dem_bridge"}
     # both are imported when they are first used
-    others = {"dem_bridge.compiled": {"numba"}, "dem_bridge.notebook": {"jinja2"}, "dem_bridge.netcdf": {"h5py"}}
+    others = {
+        "dem_bridge.kernel_cache": {"numba", "llvmlite"},
+        "dem_bridge.notebook": {"jinja2"},
+        "dem_bridge.netcdf": {"h5py"},
+    }
     for name in INNER:
         if LAYER_OF[_part(name)] <= 3:
             foreign = {imported.split(".")[0] for imported in _imports(MODULES[name])} - standard
@@ -245,7 +256,7 @@ def test_lower_layers_know_numpy_and_scipy_alone() -> None:
 
 
 def test_numba_is_imported_when_a_kernel_is_first_called() -> None:
-    assert _importers("numba") == {"compiled"}
+    assert _importers("numba") == {"kernel_cache"}
 
 
 def test_physics_knows_nothing_of_ours() -> None:

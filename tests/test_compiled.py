@@ -1,60 +1,17 @@
-"""Kept kernels are never older than what they are made of."""
+"""Kernels are compiled when they are called, and numba is imported then."""
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numba
 import pytest
 
 from dem_bridge.backends.curves import POWERS, curves_of
-from dem_bridge.compiled import forget_stale, kernel
+from dem_bridge.compiled import kernel
 from dem_bridge.scene import Scene, Wall
-
-
-@pytest.fixture
-def package(tmp_path: Path) -> Path:
-    """Two modules with a kernel each, made at 100 s and 200 s, and kept at 300 s."""
-    for part, age in (("lmp/cell", 100.0), ("backends/twin", 200.0)):
-        source = tmp_path / f"{part}.py"
-        kept = source.parent / "__pycache__" / f"{source.stem}.kernel-7.py311.nbi"
-        kept.parent.mkdir(parents=True)
-        for file, when in ((source, age), (kept, 300.0)):
-            file.touch()
-            os.utime(file, (when, when))
-    return tmp_path
-
-
-def _kept(package: Path) -> set[str]:
-    return {file.name.split(".")[0] for file in package.glob("**/*.nbi")}
-
-
-def test_what_is_younger_than_all_sources_is_kept(package: Path) -> None:
-    forget_stale(package)
-    assert _kept(package) == {"cell", "twin"}
-
-
-def test_a_change_in_one_file_forgets_the_kernels_of_all(package: Path) -> None:
-    os.utime(package / "lmp" / "cell.py", (400.0, 400.0))
-    forget_stale(package)
-    assert _kept(package) == set()
-
-
-def test_a_kernel_that_was_made_after_the_change_is_kept(package: Path) -> None:
-    os.utime(package / "lmp" / "cell.py", (400.0, 400.0))
-    [kept] = package.glob("**/twin*.nbi")
-    os.utime(kept, (500.0, 500.0))
-    forget_stale(package)
-    assert _kept(package) == {"twin"}
-
-
-def test_a_package_without_kernels_is_left_alone(tmp_path: Path) -> None:
-    forget_stale(tmp_path)
-    assert not list(tmp_path.iterdir())
 
 
 @kernel(nogil=False)

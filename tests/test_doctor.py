@@ -173,20 +173,3 @@ def test_a_disk_without_space(monkeypatch: pytest.MonkeyPatch) -> None:
     found = doctor.temporary_folder()
     assert not found.fine
     assert "set TMPDIR" in found.remedy
-
-
-def test_a_cache_that_cannot_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "access", lambda path, mode: False)
-    found = doctor.numba_cache()
-    assert (found.fine, found.needed) == (False, False)
-    assert "NUMBA_CACHE_DIR" in found.remedy
-
-
-def test_no_place_for_a_cache_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(name: str) -> None:
-        raise RuntimeError("cannot cache function '_run': no locator available for file 'prescan.py'")
-
-    monkeypatch.setattr("importlib.import_module", refuse)
-    found = doctor.numba_cache()
-    assert (found.fine, found.needed) == (False, True)
-    assert "no locator available" in found.state

@@ -18,6 +18,7 @@ from types import ModuleType
 
 from dem_bridge.campaign.tasks import Outcome, Task, Work, broken, perform
 from dem_bridge.errors import RunBroken
+from dem_bridge.kernel_folders import folder_to_write
 from dem_bridge.progress import Campaign, stop_requested
 
 #: s for which the campaign sleeps at most: a signal that comes just before the sleep waits no longer
@@ -42,6 +43,7 @@ def run_in_processes(
         If no process can begin.
     """
     work, failed_starts = Work(tasks, workers), 0
+    folder_to_write()  # a temporary one is shared by all processes, and said once
     with _processes(workers, main) as processes:
         while work.pending or any(process.tasks for process in processes):
             if stop_requested():
