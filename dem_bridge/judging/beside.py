@@ -81,7 +81,10 @@ def judge_files(
             stack.enter_context(deck_run(path, scene, engine=engine, variables=variables, time_limit=time_limit))
             for path in decks
         ]
-        records += [_record(run.out, scene, run.deck.path.name, run.dt, reading) for run in runs]
+        records += [
+            replace(_record(run.out, scene, run.deck.path.name, run.dt, reading), stated=run.deck.stated(scene))
+            for run in runs
+        ]
     judgement = judge_records(scene, records, tolerance=tolerance)
     additions = [_limits(judgement, run) for run in runs]
     return replace(

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.judging.fitting import Fit
+from dem_bridge.judging.fitting import DECISION, Fit
+from dem_bridge.judging.hypotheses import Hypothesis, Variant, equal_radii, uniform_name
+from dem_bridge.judging.samples import WORDS, sample_hypotheses
 from dem_bridge.judging.search import Search
 from dem_bridge.judging.single import on_single_grid
+from dem_bridge.judging.stated import Statement, statements, variant_of
+from dem_bridge.judging.step import StepError, step_error
 from dem_bridge.readers.record import Record
 from dem_bridge.scene import Scene
 
@@ -40,6 +44,9 @@ CAUSES = (
     "missed-contact",
     "single-precision",
     "sampling-shift",
+    "start-velocity",
+    "start-position",
+    "sign",
 )
 
 
@@ -60,6 +67,8 @@ class Diagnosis:
         One sentence with the fitted value and the residuals.
     parameters : mapping
         Fitted parameters of the cause, each with its standard deviation.
+    step : StepError, optional
+        Error of the time step of the code, if step and method are known.
     """
 
     cause: str
@@ -67,6 +76,7 @@ class Diagnosis:
     alternatives: tuple[str, ...] = ()
     where: str = ""
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    step: StepError | None = None
 
 
 #: least effect, in floors, for which a cause is named
@@ -86,6 +96,8 @@ ADAPTIVE = 100.0
 AT_REST = 0.1
 #: difference relative to the scale that no cause makes: units differ by at most 1e9
 UNSTABLE = 1e12
+#: change of an exponent that no code makes
+UNCHANGED = 1e-6
 #: files that are examined
 MOST_FILES = 3
 #: causes whose effect grows with the time step
@@ -94,9 +106,9 @@ BY_STEP = ("half-step-velocity", "first-order-integrator", "time-shift", "sampli
 NOISY, LARGEST_NOISE = 0.3, 5.0
 #: which of several causes that fit equally well is named; where nothing collides, it is a missed contact
 PRIORITY = (
-    *("none", "missed-contact", "units", "order-of-bodies", "sampling-shift", "half-step-velocity"),
+    *("none", "missed-contact", "units", "order-of-bodies", "sign", "sampling-shift", "half-step-velocity"),
     *("first-order-integrator", "clip", "tension", "gravity", "missing-sqrt-radius", "modulus", "stiffness-scale"),
-    *("stiffness", "mass", "exponent", "damping", "time-shift", "time-scale"),
+    *("stiffness", "mass", "exponent", "damping", "start-velocity", "start-position", "time-shift", "time-scale"),
 )
 
 
@@ -129,18 +141,128 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
     search = Search(scene, record, floor)
     none = search.decision.decide(search.none, np.zeros(0))
     if _explained(none) or _nearly_explained(none):
-        return Diagnosis(cause="none", evidence="Time step and digits explain the difference.")
+        return Diagnosis(
+            cause="none",
+            evidence="Time step and digits explain the difference.",
+            step=step_error(search.decision, none),
+        )
     if (size := float(np.max(search.errors))) > UNSTABLE:
         sentence = f"Values grow to {size:.2g} of the largest value of the scene, as those of an unstable step do."
         return Diagnosis(cause="unknown", evidence=sentence)
+    stated = statements(scene, record)
+    diagnosis = by_statements(search, none, stated) or _beside(_by_fits(search, none, stated), stated)
+    return replace(diagnosis, evidence=_all_zero(search) + diagnosis.evidence)
+
+
+def _by_fits(search: Search, none: Fit, stated: Sequence[Statement]) -> Diagnosis:
+    """Return the diagnosis by fits of all hypotheses."""
     fits = search.fits()
-    diagnosis = name_cause(search, none, fits)
+    diagnosis = name_cause(search, none, fits, certain=bool(stated))
     if diagnosis.cause != "unknown" or (fits and fits[0].rms < NOISY * none.rms) or not on_single_grid(search.data):
         return diagnosis
     if none.error > LARGEST_NOISE or search.decision.effect_of_noise(none) < FLOORS:
         return diagnosis
     sentence = f"The samples are numbers of single precision, and differ by {none.error:.2g} of the largest value."
     return Diagnosis(cause="single-precision", evidence=sentence)
+
+
+def by_statements(search: Search, none: Fit, stated: Sequence[Statement]) -> Diagnosis | None:
+    """Return the diagnosis by what a deck or a first sample states, if that explains the file; else None.
+
+    Such a difference is certain, so that it is named at any size that is felt beside the time step. Other units, signs
+    and orders of bodies, which change a first sample, too, are examined beside it.
+    """
+    variant = variant_of(search.scene, stated) if stated else None
+    if variant is None:
+        return None
+    decision = search.decision
+    together = decision.decide(_certain(variant, ""), np.zeros(0), none)
+    if not (_explained(together) or _nearly_explained(together) or together.error < none.error / FLOORS):
+        return None
+    effects = {statement: _effect(search, variant_of(search.scene, [statement])) for statement in stated}
+    first = max(stated, key=lambda statement: effects[statement])
+    effect, step = effects[first], step_error(decision, together)
+    words = _and(f"{statement.words} (effect {effects[statement]:.2g})" for statement in stated)
+    left = f"With it a run leaves {together.error:.2g} of the largest value, where the scene leaves {none.error:.2g}."
+    if effect < max(SMALL, 0.0 if step is None else step.error / FLOORS):
+        return Diagnosis(
+            cause="none", evidence=f"Time step and digits explain the difference, although {words}.", step=step
+        )
+    if not first.cause:
+        return Diagnosis(cause="unknown", evidence=f"A cause outside the list is stated: {words}. {left}")
+    others = [] if search.record.stated else _equal_samples(search, together)
+    causes = sorted(dict.fromkeys((first.cause, *(fit.hypothesis.cause for fit in others))), key=PRIORITY.index)
+    if causes[0] != first.cause:
+        return Diagnosis(cause=causes[0], alternatives=tuple(causes[1:]), evidence=_sentence(others[0], none))
+    evidence = f"{words[:1].upper()}{words[1:]}. {left}"
+    return Diagnosis(cause=first.cause, alternatives=tuple(causes[1:]), where=first.where, evidence=evidence)
+
+
+def _certain(variant: Variant, cause: str) -> Hypothesis:
+    """Return the hypothesis of a variant without parameters."""
+    return Hypothesis(cause, lambda p: variant, "What is stated.")
+
+
+def _effect(search: Search, variant: Variant | None) -> float:
+    """Return the largest change by a variant relative to the scale of a quantity; 0 if it is no scene by itself."""
+    if variant is None:
+        return 0.0
+    data, decision = search.data, search.decision
+    changes = data.largest(data.predict(variant, decision.rows, DECISION), decision.exact)
+    return max(change / block.scale for change, block in zip(changes, data.blocks, strict=True))
+
+
+def _equal_samples(search: Search, best: Fit) -> list[Fit]:
+    """Return the fits of other units, signs and orders that explain a file as well as what it states, by priority."""
+    data, rows = search.data, search.rows
+    count = sum(block.values.size for block in data.blocks)
+    near = []
+    for hypothesis in sample_hypotheses(data, search.exact):
+        if not hypothesis.size:
+            residual = data.residual(data.predict(hypothesis.make(np.zeros(0)), rows, DECISION, best.stepping))
+            if float(np.sqrt(np.mean(residual**2))) < 3.0 * max(best.rms, 1.0):
+                near.append(search.decision.decide(hypothesis, np.zeros(0), best))
+    return sorted((fit for fit in near if _as_good(fit, best, count)), key=_priority)
+
+
+def _beside(diagnosis: Diagnosis, stated: Sequence[Statement]) -> Diagnosis:
+    """Return the diagnosis by fits with what is stated: it decides between causes that no trajectory can tell apart."""
+    causes = (diagnosis.cause, *diagnosis.alternatives)
+    first = next((statement for statement in stated if statement.cause in causes), None)
+    if diagnosis.cause == "unknown" and stated:
+        words = _and(statement.words for statement in stated)
+        return replace(diagnosis, evidence=f"{diagnosis.evidence} Beside it, {words}.")
+    if first is None or first.cause == diagnosis.cause:
+        return diagnosis
+    others = tuple(cause for cause in causes if cause != first.cause)
+    evidence = f"{diagnosis.evidence} But {first.words}."
+    return replace(diagnosis, cause=first.cause, alternatives=others, where=first.where, evidence=evidence)
+
+
+def _and(parts: Iterable[str]) -> str:
+    """Return parts of a sentence in a row."""
+    return " and ".join(parts)
+
+
+def _priority(fit: Fit) -> int:
+    """Return the place of the cause of a fit among those that fit equally well."""
+    return PRIORITY.index(fit.hypothesis.cause) if fit.hypothesis.nameable else len(PRIORITY)
+
+
+def _all_zero(search: Search) -> str:
+    """Return a sentence on quantities of a file that are 0 throughout, although the bodies move; else ''."""
+    names = [
+        WORDS[block.quantity]
+        for block, value in zip(search.data.blocks, search.exact, strict=True)
+        if not np.any(block.values) and np.any(np.nan_to_num(value))
+    ]
+    return f"All {_and(names)} of the file are 0. " if names else ""
+
+
+def _is_itself(fit: Fit) -> bool:
+    """Return whether a fit is no other hypothesis with one parameter more, which is 0."""
+    least = fit.hypothesis.least
+    return least == 0.0 or abs(float(fit.parameters[0])) > max(least * float(fit.deviation[0]), UNCHANGED)
 
 
 def _explained(fit: Fit) -> bool:
@@ -156,8 +278,12 @@ def _nearly_explained(fit: Fit) -> bool:
     return fit.rms < EXPLAINED and fit.floors < LARGEST_FLOORS
 
 
-def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
-    """Return the diagnosis for fits that are sorted by what they leave."""
+def name_cause(search: Search, none: Fit, fits: list[Fit], *, certain: bool = False) -> Diagnosis:
+    """Return the diagnosis for fits that are sorted by what they leave.
+
+    ``certain``: the first sample is not the start of the scene, which no error of the time step explains.
+    """
+    fits = [fit for fit in fits if _is_itself(fit)]
     best = fits[0] if fits else none
     left = best.rms / none.rms
     usual = min(SMALL, ADAPTIVE * search.decision.adaptive_error())
@@ -174,13 +300,14 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
             f" {best.hypothesis.where}) leaves {best.rms / none.rms:.2g} of it.",
         )
     effect = search.decision.effect(best)
-    if effect < FLOORS and none.error < SMALL:
+    hidden = effect < FLOORS and not (certain and _explained(best))
+    if hidden and none.error < SMALL:
         return Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")
-    if effect < FLOORS:
+    if hidden:
         return Diagnosis(cause="unknown", evidence=f"The difference is {effect:.3g} floors, below {FLOORS:g}.")
     count = sum(block.values.size for block in search.data.blocks)
     equal = [fit for fit in fits if _as_good(fit, best, count)]
-    equal.sort(key=lambda fit: PRIORITY.index(fit.hypothesis.cause) if fit.hypothesis.nameable else 99)
+    equal.sort(key=_priority)
     nameable = [fit for fit in equal if fit.hypothesis.nameable]
     if not nameable or (best.hypothesis not in [fit.hypothesis for fit in nameable] and not _explained(nameable[0])):
         return Diagnosis(cause="unknown", evidence="A cause outside the list fits best.")
@@ -191,8 +318,10 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
         fit for fit in nameable if fit.hypothesis.family == "factor" and fit.hypothesis.cause == "stiffness-scale"
     ]
     if uniform:
-        cause = _uniform_name(search.scene, uniform[0]) if cause == "stiffness-scale" else cause
-        causes |= dict.fromkeys(("modulus", *(["missing-sqrt-radius"] if _equal_radii(search.scene) else [])))
+        if cause == "stiffness-scale":
+            logarithm, deviation = float(uniform[0].parameters[0]), float(uniform[0].deviation[0])
+            cause = uniform_name(search.scene, math.exp(logarithm), max(1e-5, 5.0 * deviation))
+        causes |= dict.fromkeys(("modulus", *(["missing-sqrt-radius"] if equal_radii(search.scene) else [])))
     variant = first.hypothesis.make(first.parameters)
     if cause == "missed-contact":
         causes["stiffness"] = None  # which is 0
@@ -206,27 +335,6 @@ def name_cause(search: Search, none: Fit, fits: list[Fit]) -> Diagnosis:
         evidence=_sentence(first, none),
         parameters=_parameters(first),
     )
-
-
-def _equal_radii(scene: Scene) -> bool:
-    """Return whether a factor sqrt(R*) may be the same for all contacts: a scene of numbers alone has no radii."""
-    return scene.geometry is None or len({body.radius for body in scene.geometry.bodies}) == 1
-
-
-def _uniform_name(scene: Scene, fit: Fit) -> str:
-    """Return the name that the value of a factor on all stiffnesses suggests."""
-    factor = math.exp(float(fit.parameters[0]))
-    within = max(1e-5, 5.0 * float(fit.deviation[0]))
-    if scene.geometry is None:
-        return "stiffness-scale"
-    body = scene.geometry.bodies[0]
-    loss = 1.0 - body.material.poissons_ratio**2
-    radii = (body.radius, 0.5 * body.radius) if _equal_radii(scene) else ()
-    if any(abs(factor * math.sqrt(radius) - 1.0) < within for radius in radii):
-        return "missing-sqrt-radius"
-    if any(abs(factor / ratio - 1.0) < within for ratio in (2.0 * loss, loss, 2.0, 1.0 / loss, 0.5)):
-        return "modulus"
-    return "stiffness-scale"
 
 
 def _as_good(fit: Fit, best: Fit, count: int) -> bool:

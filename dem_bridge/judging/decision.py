@@ -254,8 +254,11 @@ class Decision:
         deviation = np.zeros(len(p))
         rms = float(np.sqrt(np.mean(residual**2)))
         if derivative is not None and len(p):
-            normal = np.maximum(np.sum(derivative**2, axis=0), 1e-300)
-            deviation = max(rms, 1.0) / np.sqrt(normal)
+            norm = np.sqrt(np.maximum(np.sum(derivative**2, axis=0), 1e-300))
+            if len(p) == 2:  # each is uncertain by what the other may take
+                likeness = float(np.sum(derivative[:, 0] * derivative[:, 1])) / float(np.prod(norm))
+                norm = norm * math.sqrt(max(1.0 - likeness**2, 1e-16))
+            deviation = max(rms, 1.0) / norm
         factors = hypothesis.make(p).factors
         scaled = np.concatenate([(b.sigma / (b.scale * abs(factors[b.quantity]))).ravel() for b in self.data.blocks])
         sizes = np.abs(residual) * scaled

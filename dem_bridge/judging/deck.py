@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -78,6 +79,12 @@ class UserDeck:
         unit = UNITS.get(self.state.units, (1.0, 1.0, 1.0))[0]
         radii = [atom.radius for atom in self.state.particles.atoms.values()]
         return max(radii) * unit if radii else None
+
+    def stated(self, scene: Scene) -> dict[str, Any]:
+        """Return the fields of its scene that differ from those of ``scene``; none if it cannot be read."""
+        if self.read is None:
+            return {}
+        return {name: getattr(self.read.scene, name) for name in differences(scene, self.read.scene)}
 
     def last(self, name: str) -> Command | None:
         """Return the last command of a name."""

@@ -19,7 +19,7 @@ QUANTITIES = ("velocity", "displacement", "contact_force")
 REPEATED = 1e-11
 #: runs by the method of another code are limited to so many steps
 MOST_STEPS = 400_000
-#: durations of the scene up to which its motion is computed
+#: durations of the scene up to which its motion is computed, if the file does not go further
 FARTHEST = 3.0
 #: tolerance of the adaptive method in a search and for the decision
 SEARCH, DECISION = 1e-9, 1e-13
@@ -69,7 +69,9 @@ class Data:
         scene = model.scene
         contacts = scene.contacts
         places = np.where(contacts.left == scene.n_body, 0, contacts.left + 1)
-        base = model.exact(model.system, np.clip(self.time, 0.0, FARTHEST * scene.duration))
+        #: latest time of a motion, s: a hypothesis about times may go far beyond scene and file, and says no more there
+        self.farthest = max(FARTHEST * scene.duration, float(self.time[-1]))
+        base = model.exact(model.system, np.maximum(self.time, 0.0))
         late = record.rounding.get("time")
         late = np.zeros(len(self.time)) if late is None else np.asarray(late)
         self.blocks: list[Block] = []
@@ -106,8 +108,7 @@ class Data:
             behind = time[-1] + np.arange(1, abs(variant.lag) + 1) * self.interval
             time = np.concatenate([ahead, time]) if variant.lag > 0 else np.concatenate([time, behind])[-variant.lag :]
         times = variant.scale * time[:rows] - variant.shift
-        # far beyond its duration a scene's motion would take long, and says no more
-        positive = np.clip(times, 0.0, FARTHEST * self.model.scene.duration)
+        positive = np.clip(times, 0.0, self.farthest)
         if variant.method is not None and variant.dt is not None:
             stepping = Stepping(variant.method, variant.dt)
         if stepping is None:
@@ -128,9 +129,12 @@ class Data:
                 value = value - variant.late * motion.acceleration
                 early = early | (times <= 0.0)
             columns = block.columns
-            if variant.order is not None:
-                reversed_places = value.shape[1] - 1 - columns
-                columns = np.array(variant.order)[columns] if block.quantity < 2 else reversed_places
+            if block.quantity == 1 and variant.offset is not None:
+                value = value + np.array(variant.offset)
+            if variant.order is not None and block.quantity < 2:
+                columns = np.array(variant.order)[columns]
+            elif variant.order is not None and variant.order[0] > variant.order[-1]:
+                columns = value.shape[1] - 1 - columns
             value = value[:, columns] * variant.factors[block.quantity]
             # an unstable motion is no absent sample
             value[~np.isfinite(value)] = np.inf

@@ -30,7 +30,9 @@ class Variant(NamedTuple):
     factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Of velocity, displacement and contact force."""
     order: tuple[int, ...] | None = None
-    """Body of the scene for each body of the file."""
+    """Body of the scene for each body of the file; contacts are reversed with all bodies, and else in their order."""
+    offset: tuple[float, ...] | None = None
+    """Displacement of each body at the start, m."""
     method: int | None = None
     """Fixed-step method of :mod:`.kernels`, if the hypothesis requires one."""
     dt: float | None = None
@@ -61,6 +63,8 @@ class Hypothesis:
     """The scene itself is at the parameter minus infinity."""
     reach: float = 1.5
     """Largest first guess by linear extrapolation."""
+    least: float = 0.0
+    """Standard deviations by which the first parameter differs from 0: else it is a simpler hypothesis."""
 
     @property
     def size(self) -> int:
@@ -70,6 +74,8 @@ class Hypothesis:
 
 #: logarithm of the largest factor of a hypothesis
 LARGEST_LOGARITHM = 7.0
+#: standard deviations by which a parameter is not 0
+SURE = 5.0
 LOG_STARTS = ((0.0,), (0.7,), (-0.7,))
 WIDE_STARTS = (*LOG_STARTS, (1.6,), (-1.6,), (2.7,), (-2.7,))
 
@@ -103,10 +109,16 @@ class Changes:
         size = self.scene.n_body + 1
         return lambda p: Variant(self.with_factors(stiffness=_single(size, place, _factor(p[0]))))
 
-    def bent(self, change: float) -> System:
-        """Return the system with other exponents n, on which the powers of damping forces depend, too."""
+    def bent(self, change: float, factor: float | None = None) -> System:
+        """Return the system with other exponents n, on which the powers of damping forces depend, too.
+
+        Stiffnesses are the scene's numbers, or, with a ``factor``, such that all forces at the depth of the first
+        impact are those of the scene times this factor.
+        """
         base, law = self.base, self.scene.damping.law if self.scene.damping is not None else ""
         rate = {"kuwabara-kono": 1.0, "coeff_restitution": 0.5, "tsuji": 0.5}.get(law, 0.0)
+        if factor is not None:
+            base = self.with_factors(stiffness=factor * max(self.model.depth, 1e-12) ** -change)
         return base.changed(
             exponent=base.exponent + change, damping_power=np.maximum(base.damping_power + rate * change, 0.0)
         )
@@ -189,6 +201,14 @@ def global_hypotheses(scene: Scene, model: Model) -> Iterator[Hypothesis]:
         ((0.0,), (0.25,), (-0.25,), (0.5,), (-0.5,)),
         bounds=(-1.4, 3.0),
     )
+    yield Hypothesis(
+        "exponent",
+        lambda p: Variant(change.bent(p[0], factor=_factor(p[1]))),
+        "The exponent n differs from the scene's by {0:.6g} +- {1:.2g}, and all stiffnesses with it.",
+        ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0)),
+        bounds=(-1.4, 3.0),
+        least=SURE,
+    )
     yield from _patterns(scene, change)
     yield from _damping(scene, change)
     yield from _gravity(scene, change)
@@ -201,12 +221,11 @@ def global_hypotheses(scene: Scene, model: Model) -> Iterator[Hypothesis]:
         value=_factor,
     )
     yield Hypothesis(
-        "start speed",
+        "start-velocity",
         lambda p: Variant(base.changed(velocity=base.velocity * _factor(p[0]))),
-        "Start velocities are {0:.6g} +- {1:.2g} of the scene's.",
+        "All start velocities are {0:.6g} +- {1:.2g} of the scene's.",
         LOG_STARTS,
         value=_factor,
-        nameable=False,
     )
     yield Hypothesis(
         "drag",
@@ -217,12 +236,32 @@ def global_hypotheses(scene: Scene, model: Model) -> Iterator[Hypothesis]:
     )
 
 
-def _patterns(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
-    """Yield factors on stiffnesses that differ between contacts: moduli, and a missing sqrt(R*).
+def equal_radii(scene: Scene) -> bool:
+    """Return whether a factor sqrt(R*) may be the same for all contacts: a scene of numbers alone has no radii."""
+    return scene.geometry is None or len({body.radius for body in scene.geometry.bodies}) == 1
 
-    Stiffnesses of walls are numbers of a scene, in which neither a radius nor a modulus enters.
+
+def uniform_name(scene: Scene, factor: float, within: float) -> str:
+    """Return the cause that the value of a factor on all stiffnesses suggests; ``within`` is relative."""
+    if scene.geometry is None:
+        return "stiffness-scale"
+    body = scene.geometry.bodies[0]
+    loss = 1.0 - body.material.poissons_ratio**2
+    radii = (body.radius, 0.5 * body.radius) if equal_radii(scene) else ()
+    if any(abs(factor * math.sqrt(radius) - 1.0) < within for radius in radii):
+        return "missing-sqrt-radius"
+    if any(abs(factor / ratio - 1.0) < within for ratio in (2.0 * loss, loss, 2.0, 1.0 / loss, 0.5)):
+        return "modulus"
+    return "stiffness-scale"
+
+
+def stiffness_patterns(scene: Scene) -> Iterator[tuple[str, Floats]]:
+    """Yield causes with the factors on the stiffnesses of the contacts between bodies that they make.
+
+    Factors are relative to their geometric mean. Stiffnesses of walls are numbers of a scene, in which neither a radius
+    nor a modulus enters.
     """
-    base = change.base
+    base = system_of(scene)
     inner, walls = base.stiffness[1:-1], base.stiffness[[0, -1]]
     moduli, radii = [np.ones(len(inner))], [np.cbrt(base.mass)]
     if scene.geometry is not None:
@@ -237,12 +276,17 @@ def _patterns(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
     seen: list[Floats] = []
     for cause, pattern in patterns if len(inner) else ():
         relative = pattern / np.exp(np.mean(np.log(pattern)))
-        uniform = np.ptp(relative) < 1e-9
-        if uniform and (cause != "modulus" or not np.any(walls > 0.0)):
+        if np.ptp(relative) < 1e-9 and (cause != "modulus" or not np.any(walls > 0.0)):
             continue
         if any(np.max(np.abs(relative - other)) < 1e-9 for other in seen):
             continue
         seen.append(relative)
+        yield cause, relative
+
+
+def _patterns(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
+    """Yield factors on stiffnesses that differ between contacts: moduli, and a missing sqrt(R*)."""
+    for cause, relative in stiffness_patterns(scene):
         words = "Stiffnesses lack sqrt(R*)" if cause != "modulus" else "Stiffnesses have another modulus"
         yield Hypothesis(
             cause,
@@ -252,7 +296,7 @@ def _patterns(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
             f"{words} in the contacts between bodies (mean factor {{0:.6g}} +- {{1:.2g}}).",
             WIDE_STARTS,
             value=_factor,
-            probe=1e-3 if uniform else None,
+            probe=1e-3 if np.ptp(relative) < 1e-9 else None,
         )
 
 

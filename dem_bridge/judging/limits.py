@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -49,10 +50,11 @@ def deck_limits(scene: Scene, run: DeckRun, errors: FileErrors) -> tuple[Limit, 
     errors : FileErrors
         Errors of its velocities.
     """
+    twins = Twins.of(scene, run, errors)
     limits = [
-        *_of_numerics(scene, run, errors),
+        *_of_numerics(twins, run, errors),
         *_of_contacts(run),
-        *_of_scene(scene, run),
+        *_of_scene(twins, run),
         *_of_neighbours(run, errors.quantities["velocity"].scale),
         *_of_own_dump(run.deck),
     ]
@@ -65,30 +67,71 @@ def _place(limit: Limit) -> tuple[int, float]:
     return (1, 0.0) if unknown else (2 * int(limit.effect == 0.0), -limit.effect)
 
 
-def _of_numerics(scene: Scene, run: DeckRun, errors: FileErrors) -> Iterator[Limit]:
-    """Yield the effects of the time step and of the radius, by twins of the scene, and what neither explains."""
-    dt, radius = run.dt, run.deck.radius
-    if dt is None:
-        yield Limit(
-            what="time step",
-            found="several, or none that can be read",
-            effect=math.nan,
-            advice="use one `timestep` for all runs",
-        )
+@dataclass(frozen=True, kw_only=True)
+class Twins:
+    """Runs of our velocity-Verlet code with the samples of a deck's dump, however long its scene is."""
+
+    scene: Scene
+    """The scene with the duration and the number of samples of the dump."""
+    dt: float | None
+    speed: float
+    """Largest velocity of the reference, m/s."""
+    problem: str = ""
+    """Why there are no such runs."""
+
+    @classmethod
+    def of(cls, scene: Scene, run: DeckRun, errors: FileErrors) -> Twins:
+        """Return the twins of a deck; its samples must be even and begin at the start."""
+        time, problem = errors.record.time, ""
+        if run.dt is None:
+            problem = "several, or none that can be read"
+        elif time[0] != 0.0 or float(np.ptp(np.diff(time))) > 1e-6 * float(time[1]):
+            problem = "samples are not at even times from the start on"
+        sampled = replace(scene, duration=float(time[-1]), samples=len(time) - 1)
+        return cls(scene=sampled, dt=run.dt, speed=errors.quantities["velocity"].scale or 1.0, problem=problem)
+
+    def velocity(self, radius: float | None = None, **changes: Any) -> Floats:
+        """Return the velocities, m/s, ``(n_t, n_body)``, of the scene with other fields, or with a particle radius."""
+        resolution, sampling = Resolution(dt=self.dt, surrogate_radius=radius), Sampling(count=self.scene.samples)
+        scene = replace(self.scene, **changes)
+        case = Case(scene=scene, backend="verlet", resolution=resolution, sampling=sampling, uncertainty=False)
+        return case.solve().velocity
+
+    @cached_property
+    def plain(self) -> Floats:
+        """Velocities of the scene itself, m/s."""
+        return self.velocity()
+
+    def effect(self, changes: Mapping[str, Any]) -> float:
+        """Return the effect of other fields on velocities, relative to the largest; nan if it is unknown."""
+        if self.problem:
+            return math.nan
+        try:
+            return float(np.max(np.abs(self.velocity(**changes) - self.plain))) / self.speed
+        except DemBridgeError:
+            return math.nan
+
+
+def _of_numerics(twins: Twins, run: DeckRun, errors: FileErrors) -> Iterator[Limit]:
+    """Yield the effects of the time step and of the radius, by twins of the scene, and what nothing stated explains."""
+    if twins.problem:
+        advice = "use one `timestep` for all runs, which begin at step 0"
+        yield Limit(what="time step", found=twins.problem, effect=math.nan, advice=advice)
         return
+    part, stated = errors.quantities["velocity"], run.deck.stated(twins.scene)
+    columns = list(part.columns)
+    values = errors.record.values["velocity"]
     try:
-        reference, exact = _velocity(scene, "reference"), _velocity(scene, "verlet", dt)
-        speed = float(np.max(np.abs(reference)))
-        step = float(np.max(np.abs(exact - reference))) / speed
+        step = float(np.max(np.abs(twins.plain[:, columns] - (values - part.error)))) / twins.speed
         yield Limit(
             what="time step",
-            found=f"{dt:.6g} s",
+            found=f"{twins.dt:.6g} s",
             effect=step,
             advice="halve the time step: this error falls by 4 (by 2 with damping)",
         )
         roundoff = 0.0
-        if radius is not None:
-            roundoff = float(np.max(np.abs(_velocity(scene, "verlet", dt, radius) - exact))) / speed
+        if (radius := run.deck.radius) is not None:
+            roundoff = float(np.max(np.abs(twins.velocity(radius) - twins.plain))) / twins.speed
             yield Limit(
                 what="particle radius",
                 found=f"{radius:.6g} m",
@@ -96,37 +139,16 @@ def _of_numerics(scene: Scene, run: DeckRun, errors: FileErrors) -> Iterator[Lim
                 advice="take a smaller radius with the same stiffness: positions then round off less"
                 " (dem-bridge deck writes such a deck)",
             )
-        rest = _difference_from_twin(scene, errors, exact - reference) / speed
+        twin = twins.velocity(**stated) if stated else twins.plain
+        rest = float(np.max(np.abs(values - twin[:, columns]))) / twins.speed
         yield Limit(
-            what="neither time step nor radius",
+            what=f"neither time step nor radius{' nor what the deck states' if stated else ''}",
             found="difference from a twin with this time step",
             effect=max(0.0, rest - roundoff),
             advice="compare contact law, tables, damping and start with the scene: see the other rows and the cause",
         )
     except DemBridgeError as problem:
         yield Limit(what="time step and radius", found=str(problem), effect=math.nan, advice="judge two time steps")
-
-
-def _difference_from_twin(scene: Scene, errors: FileErrors, twin: Floats) -> float:
-    """Return the largest difference of a file from a twin, m/s, at the sample times of the scene that the file has.
-
-    ``twin`` are the errors of the twin, ``(n_t, n_body)``. The result is nan if the file has none of these times.
-    """
-    times = Sampling(count=scene.samples).times(scene.duration)
-    part, file_times = errors.quantities["velocity"], errors.record.time
-    rows = np.clip(np.searchsorted(times, file_times - 0.5 * times[1]), 0, len(times) - 1)
-    same = np.abs(times[rows] - file_times) <= 1e-9 * times[-1]
-    if not np.any(same):
-        return math.nan
-    return float(np.max(np.abs(part.error[same] - twin[rows[same]][:, part.columns])))
-
-
-def _velocity(scene: Scene, backend: str, dt: float | None = None, radius: float | None = None) -> Floats:
-    """Return the velocities of a scene by one of our codes."""
-    resolution = Resolution(dt=dt, surrogate_radius=radius)
-    sampling = Sampling(count=scene.samples)
-    case = Case(scene=scene, backend=backend, resolution=resolution, sampling=sampling, uncertainty=False)
-    return case.solve().velocity
 
 
 def _of_contacts(run: DeckRun) -> Iterator[Limit]:
@@ -153,7 +175,7 @@ def _of_contacts(run: DeckRun) -> Iterator[Limit]:
         )
 
 
-def _of_scene(scene: Scene, run: DeckRun) -> Iterator[Limit]:
+def _of_scene(twins: Twins, run: DeckRun) -> Iterator[Limit]:
     """Yield the properties in which the deck differs from the scene, each with its effect by a twin."""
     deck = run.deck
     if deck.read is None:
@@ -166,25 +188,21 @@ def _of_scene(scene: Scene, run: DeckRun) -> Iterator[Limit]:
             advice="compare the deck with the scene by hand",
         )
         return
-    for name, difference in differences(scene, deck.read.scene).items():
+    stated = deck.stated(twins.scene)
+    for name, difference in differences(twins.scene, deck.read.scene).items():
         yield Limit(
             what=name.replace("_", " "),
             found=difference,
-            effect=_effect(scene, name, getattr(deck.read.scene, name), run.dt),
+            effect=twins.effect({name: stated[name]}),
             advice="make the deck and the scene agree",
         )
-
-
-def _effect(scene: Scene, name: str, value: Any, dt: float | None) -> float:
-    """Return the effect of another value of one field on velocities, relative to the largest; nan if it is unknown."""
-    if dt is None:
-        return math.nan
-    try:
-        plain = _velocity(scene, "verlet", dt)
-        changed = _velocity(replace(scene, **{name: value}), "verlet", dt)
-        return float(np.max(np.abs(changed - plain)) / np.max(np.abs(plain)))
-    except DemBridgeError:
-        return math.nan
+    if len(stated) > 1:
+        yield Limit(
+            what="all differences from the scene together",
+            found=f"{len(stated)} differences",
+            effect=twins.effect(stated),
+            advice="see each of them: the effects of two may cancel",
+        )
 
 
 def _of_neighbours(run: DeckRun, largest: float) -> Iterator[Limit]:

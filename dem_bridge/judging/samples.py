@@ -9,13 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.judging import kernels
-from dem_bridge.judging.fitting import MOST_STEPS, Data
+from dem_bridge.judging.fitting import MOST_STEPS, SEARCH, Data
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
 
 Floats = NDArray[np.float64]
 
 #: powers of ten by which times or values may be off
 POWERS = tuple(k for k in range(-9, 10) if k != 0)
+#: names of the quantities of a file in sentences
+WORDS = ("velocities", "displacements", "forces")
+#: bodies whose order is examined, and values that are compared for it
+MOST_ORDERED, MOST_COMPARED = 500, 10_000_000
+#: part of the squared difference that another order of bodies may leave to be examined
+ORDERED = 0.5
 
 
 def sample_hypotheses(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
@@ -42,7 +48,104 @@ def sample_hypotheses(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesi
             lambda p, sign=sign, order=order: Variant(base, order=order, factors=(sign, sign, 1.0)),  # type: ignore[misc]
             words,
         )
+    yield from _other_origin(data)
+    yield from _other_orders(data)
+    yield from _other_signs(data, exact)
     yield from _units(data, exact)
+    yield from _factors(data, exact)
+
+
+def _other_origin(data: Data) -> Iterator[Hypothesis]:
+    """Yield displacements from other places than those of the start, if the first sample is not 0 at the start."""
+    n = data.model.scene.n_body
+    for block in data.blocks:
+        if block.quantity != 1 or data.time[0] != 0.0 or data.from_first:
+            continue
+        offset = np.zeros(n)
+        offset[block.columns] = np.where(np.abs(block.values[0]) > block.rounding[0], block.values[0], 0.0)
+        if np.any(np.nan_to_num(offset)):
+            variant = Variant(data.model.system, offset=tuple(offset.tolist()))
+            words = f"Displacements are up to {np.max(np.abs(offset)):.6g} m at the start: they have another origin."
+            yield Hypothesis("start-position", lambda p, variant=variant: variant, words)  # type: ignore[misc]
+
+
+def _other_orders(data: Data) -> Iterator[Hypothesis]:
+    """Yield the order of bodies in which the columns of a file are most like the motion, if it is not the scene's."""
+    from scipy.optimize import linear_sum_assignment
+
+    base, n, rows = data.model.system, data.model.scene.n_body, len(data.time)
+    blocks = [block for block in data.blocks if block.quantity < 2]
+    if not blocks or n > MOST_ORDERED or any(list(block.columns) != list(blocks[0].columns) for block in blocks):
+        return
+    bodies, motion = blocks[0].columns, data.motion(Variant(base), rows, SEARCH, None)[0]
+    own, every = np.arange(len(bodies)), -(-rows * n * n // MOST_COMPARED)
+    for sign in (1.0, -1.0):
+        misfit = np.zeros((len(bodies), n))
+        for block in blocks:
+            moved = (motion.velocity, motion.displacement)[block.quantity]
+            difference = (block.values[::every, :, None] - sign * moved[::every, None, :]) / block.scale
+            misfit += np.sum(np.nan_to_num(difference, nan=0.0, posinf=1e150, neginf=-1e150) ** 2, axis=0)
+        whole = float(np.sum(misfit[own, bodies]))
+        # bodies that move alike, such as those ahead of a front, stay in the scene's order
+        misfit[own, bodies] -= 1e-9 * whole / n
+        places = linear_sum_assignment(misfit)[1]
+        moved_bodies = np.flatnonzero(places != bodies)
+        if not len(moved_bodies) or float(np.sum(misfit[own, places])) > ORDERED * whole:
+            continue
+        order = np.full(n, -1)
+        order[bodies] = places
+        order[order < 0] = np.setdiff1d(np.arange(n), places)
+        if np.all(np.diff(order) == -1):  # which is a hypothesis of its own
+            continue
+        few = ", ".join(f"body {bodies[k]} of the file is body {places[k]} of the scene" for k in moved_bodies[:3])
+        words = f"The bodies are in another order: {few}{' and so on' if len(moved_bodies) > 3 else ''}."
+        variant = Variant(base, order=tuple(order.tolist()), factors=(sign, sign, 1.0))
+        yield Hypothesis("order-of-bodies", lambda p, variant=variant: variant, words)  # type: ignore[misc]
+
+
+def _other_signs(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
+    """Yield the signs of quantities with which they are most like the motion, and a start in the other direction."""
+    base, signs, words = data.model.system, [1.0, 1.0, 1.0], []
+    for block, value in zip(data.blocks, exact, strict=True):
+        if float(np.sum(np.nan_to_num(value / block.scale * block.values))) < 0.0:
+            signs[block.quantity] = -1.0
+            words.append(WORDS[block.quantity])
+    if words:
+        fixed = (signs[0], signs[1], signs[2])
+        sentence = f"All {' and '.join(words)} have the other sign."
+        yield Hypothesis("sign", lambda p: Variant(base, factors=fixed), sentence)
+    sentence = "All start velocities have the other sign."
+    yield Hypothesis("sign", lambda p: Variant(base.changed(velocity=-base.velocity)), sentence)
+
+
+def _factors(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
+    """Yield factors on all values of a quantity, or on all lengths, in whatever unit they are."""
+    base, ratios = data.model.system, dict[int, float]()
+    for block, value in zip(data.blocks, exact, strict=True):
+        size, common = (float(np.sum(np.nan_to_num(value * other))) for other in (value, block.values))
+        if size > 0.0 and common > 0.0:
+            ratios[block.quantity] = math.log(common / size)
+    kinds = [(quantity,) for quantity in ratios] + ([(0, 1)] if {0, 1} <= set(ratios) else [])
+    for kind in kinds:
+
+        def make(p: Floats, kind: tuple[int, ...] = kind) -> Variant:
+            velocity, displacement, force = (math.exp(clipped(p[0])) if k in kind else 1.0 for k in range(3))
+            return Variant(base, factors=(velocity, displacement, force))
+
+        words = " and ".join(WORDS[quantity] for quantity in kind)
+        yield Hypothesis(
+            "units",
+            make,
+            f"All {words} of the file are {{0:.9g}} +- {{1:.2g}} times those of the scene.",
+            ((0.0,), (ratios[kind[0]],)),
+            value=lambda p: math.exp(clipped(p)),
+            reach=50.0,
+        )
+
+
+def clipped(logarithm: float) -> float:
+    """Return a logarithm whose number is finite."""
+    return min(max(logarithm, -50.0), 50.0)
 
 
 def _units(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
@@ -61,7 +164,7 @@ def _units(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
             nearest = round(math.log10(ratio)) if ratio > 0.0 else 0
             if nearest and abs(math.log10(ratio) - nearest) < 0.15:
                 factors[block.quantity] = 10.0**nearest
-                words.append(f"{('velocities', 'displacements', 'forces')[block.quantity]} by {10.0**-nearest:g}")
+                words.append(f"{WORDS[block.quantity]} by {10.0**-nearest:g}")
         if words:
             sentence = f"Units: {' and '.join(words)} give SI."
             fixed = (factors[0], factors[1], factors[2])
@@ -88,7 +191,7 @@ def half_steps(data: Data, first_step: float) -> Iterator[Hypothesis]:
     for cause, method, part, words in kinds:
 
         def make(p: Floats, method: int = method, part: float = part) -> Variant:
-            step = dt if dt is not None else unit * math.exp(min(max(p[0], -50.0), 50.0))
+            step = dt if dt is not None else unit * math.exp(clipped(p[0]))
             return Variant(base, late=part * step, method=method, dt=step)
 
         if dt is not None:

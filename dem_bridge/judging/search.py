@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.judging.decision import Decision
-from dem_bridge.judging.fitting import DECISION, SEARCH, Data, Fit, Fitter
+from dem_bridge.judging.fitting import DECISION, SEARCH, Data, Fit, Fitter, least
 from dem_bridge.judging.hypotheses import LOG_STARTS, Changes, Hypothesis, Variant, global_hypotheses
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.samples import half_steps, sample_hypotheses
@@ -48,7 +48,7 @@ class Search:
     """The search for the cause of the difference between one file and its scene."""
 
     def __init__(self, scene: Scene, record: Any, floor: Mapping[str, float]) -> None:
-        self.scene, self.model = scene, Model(scene)
+        self.scene, self.model, self.record = scene, Model(scene), record
         self.data = Data(record, self.model, floor)
         self.decision = Decision(self.data)
         self.base, self.exact, self.errors = self.decision.base, self.decision.exact, self.decision.errors
@@ -83,24 +83,22 @@ class Search:
 
         def first(hypothesis: Hypothesis) -> Candidate:
             best = Candidate(hypothesis, np.array(hypothesis.starts[0]), math.inf)
-            starts = [p for p in hypothesis.starts if p != (0.0,)]  # the scene itself
+            starts = [p for p in hypothesis.starts if not p or any(p)]  # the scene itself
             trials = [np.clip(np.array(p), *hypothesis.bounds) for p in starts if large or not p]
             if hypothesis.size and hypothesis.probe is not None:
-                variant = hypothesis.make(np.array([hypothesis.probe]))
-                origin = start if variant.method is None else whole
-                change = self.fitter.residual(variant, rows, extra) - origin
-                norm = float(np.sum(change**2))
-                if norm > 0.0:
-                    factor = -float(np.sum(change * origin)) / norm
-                    left = math.sqrt(float(np.sum((origin + factor * change) ** 2))) / size
+                probes = [hypothesis.make(probe) for probe in hypothesis.probe * np.eye(hypothesis.size)]
+                origin = start if probes[0].method is None else whole
+                changes = np.stack([self.fitter.residual(probe, rows, extra) - origin for probe in probes], axis=1)
+                if np.any(changes):
+                    factors = least(changes, -origin)
+                    left = math.sqrt(float(np.sum((origin + changes @ factors) ** 2))) / size
+                    guess = hypothesis.probe * factors
                     if hypothesis.logarithmic:
-                        guess = hypothesis.probe + (math.log(factor) if factor > 0.0 else -3.0)
+                        factor = float(factors[0])
+                        guess = np.array([hypothesis.probe + (math.log(factor) if factor > 0.0 else -3.0)])
                         left = left if factor > 0.0 else 1.0
-                    else:
-                        guess = hypothesis.probe * factor
-                    guess = float(np.clip(guess, *hypothesis.bounds))
                     limit = hypothesis.reach
-                    best = Candidate(hypothesis, np.clip(np.array([guess]), -limit, limit), left)
+                    best = Candidate(hypothesis, np.clip(np.clip(guess, *hypothesis.bounds), -limit, limit), left)
                     if large:
                         trials.append(best.parameters)
                         best = Candidate(hypothesis, best.parameters, math.sqrt(left))

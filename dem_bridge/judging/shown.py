@@ -216,18 +216,43 @@ def _advice(judgement: Judgement) -> Iterator[str]:
         yield TEXTS("see_more")
         return
     tolerance, fails = judgement.tolerance, judgement.outcome == Outcome.FAIL
-    yield TEXTS("reduce") if fails and judgement.cause == "none" else TEXTS.data["advice"][judgement.cause]
-    if tolerance is not None and fails and judgement.order:
-        steps = []
-        for name, order in judgement.order.items():
-            file, part = judgement.worst[name]
-            if file.record.dt is not None and order["value"] > 0.5:
-                excess = max(part.relative(part.value) / tolerance, 1.0)
-                steps.append(file.record.dt * excess ** (-1.0 / order["value"]))
-        if steps:
-            yield TEXTS("step_for_tolerance", dt=amount(min(steps), "s", 2))
+    if judgement.cause == "none" and not fails and judgement.first_divergence is not None:
+        yield from _step_advice(judgement)
+    else:
+        yield TEXTS("reduce") if fails and judgement.cause == "none" else TEXTS.data["advice"][judgement.cause]
+    if tolerance is not None and fails and not math.isnan(step := _step_for(judgement, tolerance)):
+        step = min(step, next(iter(judgement.worst.values()))[0].record.dt or step)
+        yield TEXTS("step_for_tolerance" if judgement.order else "step_by_method", dt=amount(step, "s", 2))
     if len(judgement.files) == 1 and judgement.cause == "unknown":
         yield TEXTS("more_files")
+
+
+def _step_advice(judgement: Judgement) -> Iterator[str]:
+    """Yield how large the error of the time step is, and which steps make errors of 1e-2 and 1e-3."""
+    name, (file, part) = next(iter(judgement.worst.items()))
+    words = {"relative": _share(part, part.value), "quantity": name.replace("_", " ")}
+    step = judgement.diagnosis.step
+    dt = file.record.dt if step is None else step.dt
+    if dt is None or (step is None and not judgement.order):
+        yield TEXTS("small", **words)
+        return
+    found = TEXTS("found_step") if step is not None and not step.stated else ""
+    yield TEXTS("step", dt=amount(dt, "s"), found=found, **words)
+    coarse, fine = (_step_for(judgement, error) for error in (1e-2, 1e-3))
+    if not (math.isnan(coarse) or math.isnan(fine)):
+        yield TEXTS("steps", coarse=amount(coarse, "s", 2), fine=amount(fine, "s", 2), quantity=words["quantity"])
+
+
+def _step_for(judgement: Judgement, error: float) -> float:
+    """Return the largest time step for errors relative to the scale, s, by the observed orders or by the method."""
+    steps = []
+    for name, (file, part) in judgement.worst.items():
+        order = judgement.order.get(name, {}).get("value", 0.0)
+        if file.record.dt is not None and order > 0.5 and part.value > 0.0:
+            steps.append(file.record.dt * (error / part.relative(part.value)) ** (1.0 / order))
+    if not steps and judgement.cause == "none" and judgement.diagnosis.step is not None:
+        return judgement.diagnosis.step.largest_for(error)
+    return min(steps, default=math.nan)
 
 
 def _error_table(judgement: Judgement) -> Table:

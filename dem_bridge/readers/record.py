@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -41,9 +42,11 @@ class Record:
     """Sentences on what was assumed and why."""
     displacement_from_first: bool = False
     """True if displacements are positions minus those of the first sample."""
+    stated: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of a scene that the file, or the deck that wrote it, states otherwise than the scene of the run."""
 
     def __post_init__(self) -> None:
-        for name in ("values", "columns", "rounding"):
+        for name in ("values", "columns", "rounding", "stated"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         for array in (self.time, *self.values.values(), *self.rounding.values()):
             array.setflags(write=False)

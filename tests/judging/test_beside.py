@@ -132,13 +132,13 @@ def test_a_deck_is_run_as_it_is_and_its_limits_are_named(tmp_path: Path, damping
     limits = {str(row[0]): float(row[2]) for row in table.rows}
     velocity = judgement.error["velocity"]
     error = velocity["value"] / velocity["scale"]
-    rest = limits["neither time step nor radius"]
     if damping:
         assert limits["damping"] > 1e-7
-        assert rest == pytest.approx(limits["damping"], rel=0.5)  # errors of different bodies and times add up
+        # with the damping of the deck a twin repeats it to the round-off of its radius
+        assert limits["neither time step nor radius nor what the deck states"] < 1e-3 * limits["damping"]
     else:
         assert limits["time step"] == pytest.approx(error, rel=1e-4)
-        assert rest < 1e-9
+        assert limits["neither time step nor radius"] < 1e-9
         assert "damping" not in limits
     # beads of 5 mm round off more than the deck of dem-bridge, by far less than the time step
     assert 1e-14 < limits["particle radius"] < 1e-9

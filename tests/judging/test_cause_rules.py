@@ -280,8 +280,13 @@ def diagnosed(
         decision=decision, none="none", errors=np.array([0.0, size, 0.0]), fits=lambda: list(fits), data="data"
     )
     monkeypatch.setattr(cause, "Search", lambda scene, record, floor: search if floor == {"velocity": 1.0} else None)
-    monkeypatch.setattr(cause, "name_cause", lambda search, none, fits: Diagnosis(cause=answer, evidence="name"))
+    monkeypatch.setattr(
+        cause, "name_cause", lambda search, none, fits, certain: Diagnosis(cause=answer, evidence="name")
+    )
     monkeypatch.setattr(cause, "on_single_grid", lambda data: single_grid)
+    monkeypatch.setattr(cause, "statements", lambda scene, record: [])
+    monkeypatch.setattr(cause, "step_error", lambda decision, fit: None)
+    monkeypatch.setattr(cause, "_all_zero", lambda search: "")
     record: Any = SimpleNamespace(dt=None)
     return cause.diagnose(CHAIN, [record], {"velocity": 1.0})
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
-import numpy as np
 import pytest
 
 from dem_bridge.judging import deck, limits
@@ -46,15 +45,6 @@ def test_what_differs_between_a_deck_and_the_scene_is_said(ours: object, theirs:
     assert deck._difference(ours, theirs) == words
 
 
-def test_a_file_is_compared_with_the_twin_at_equal_times_alone() -> None:
-    twin = np.zeros((SCENE.samples + 1, 2))
-    times = np.linspace(0.0, SCENE.duration, SCENE.samples + 1)
-    for shift, difference in ((0.0, 0.25), (1e-7, math.nan)):  # s; a hundredth of a sample is another time
-        part = SimpleNamespace(error=np.full((SCENE.samples, 1), 0.25), columns=(1,))
-        file: Any = SimpleNamespace(quantities={"velocity": part}, record=SimpleNamespace(time=times[1:] + shift))
-        assert limits._difference_from_twin(SCENE, file, twin) == pytest.approx(difference, nan_ok=True)
-
-
 def test_a_deck_is_told_from_a_dump_and_from_binary_files(tmp_path: Path) -> None:
     script = "units si\natom_style sphere\npair_style granular\nrun 10\n"
     for text, is_deck in (
@@ -71,17 +61,3 @@ def test_limits_are_in_the_order_of_their_effects_then_unknown_ones_then_those_w
     effects = [0.0, math.nan, 1e-3, 2.0]
     found = sorted((limits.Limit(what="", found="", effect=effect, advice="") for effect in effects), key=limits._place)
     assert [str(limit.effect) for limit in found] == ["2.0", "0.001", "nan", "0.0"]
-
-
-@pytest.mark.parametrize(("difference", "left"), [(0.05, 0.03), (0.01, 0.0)])
-def test_what_the_radius_explains_is_not_left_to_other_causes(
-    monkeypatch: pytest.MonkeyPatch, difference: float, left: float
-) -> None:
-    velocities = {("reference", None): 1.0, ("verlet", None): 1.1, ("verlet", 1e-3): 1.12}
-    monkeypatch.setattr(
-        limits, "_velocity", lambda scene, backend, dt=None, radius=None: np.array([[velocities[backend, radius]]])
-    )
-    monkeypatch.setattr(limits, "_difference_from_twin", lambda scene, errors, twin: difference)
-    run: Any = SimpleNamespace(dt=1e-7, deck=SimpleNamespace(radius=1e-3))
-    found = {limit.what: limit.effect for limit in limits._of_numerics(SCENE, run, cast(Any, None))}
-    assert found == pytest.approx({"time step": 0.1, "particle radius": 0.02, "neither time step nor radius": left})

@@ -259,23 +259,32 @@ def test_limits_of_known_size_stand_before_unknown_ones_and_those_without_effect
     assert places == [(2, 0.0), (1, 0.0), (0, -1.0), (0, -3.0), (2, 0.0)]
 
 
-def numerics(monkeypatch: pytest.MonkeyPatch, radius: float | None, rest: float) -> dict[str, tuple[str, float]]:
-    """Return the rows of a run whose twin is off by 0.2 of 4 m/s, and by 0.1 m/s more with its radius."""
-    answers = {
-        ("reference", None, None): np.array([[4.0, 1.0], [-1.0, 0.5]]),
-        ("verlet", 1e-7, None): np.array([[3.8, 1.1], [-1.0, 0.5]]),
-        ("verlet", 1e-7, 1e-3): np.array([[3.7, 1.1], [-1.05, 0.5]]),
-    }
-    monkeypatch.setattr(limits, "_velocity", lambda scene, code, dt=None, size=None: answers[code, dt, size])
+REFERENCE = np.array([[4.0, 1.0], [-1.0, 0.5]])
 
-    def difference(scene: Scene, errors: Any, twin: Any) -> float:
-        np.testing.assert_allclose(twin, [[-0.2, 0.1], [0.0, 0.0]])
-        return 4.0 * rest
 
-    monkeypatch.setattr(limits, "_difference_from_twin", difference)
-    run: Any = SimpleNamespace(dt=1e-7, deck=SimpleNamespace(radius=radius))
-    nothing: Any = None
-    return {row.what: (row.found, row.effect) for row in limits._of_numerics(PAIR, run, nothing)}
+def file_of(values: Any, time: Any = (0.0, 1e-5)) -> Any:
+    """Return the errors of a file with these velocities, m/s, at two times."""
+    part = SimpleNamespace(error=values - REFERENCE, columns=(0, 1), scale=4.0)
+    record = SimpleNamespace(time=np.array(time), values={"velocity": values})
+    return SimpleNamespace(quantities={"velocity": part}, record=record)
+
+
+def numerics(
+    monkeypatch: pytest.MonkeyPatch, radius: float | None, rest: float, **stated: float
+) -> dict[str, tuple[str, float]]:
+    """Return the rows of a run whose twin is off by 0.2 of 4 m/s, by 0.1 m/s more with its radius, 0.5 by gravity."""
+    plain = REFERENCE + np.array([[-0.2, 0.1], [0.0, 0.0]])
+    rough = plain + np.array([[-0.1, 0.0], [-0.05, 0.0]])
+
+    def velocity(self: limits.Twins, radius: float | None = None, **changes: float) -> Any:
+        assert (self.scene.duration, self.scene.samples, changes) == (1e-5, 1, stated if changes else {})
+        return (plain if radius is None else rough) + (0.5 if changes else 0.0)
+
+    monkeypatch.setattr(limits.Twins, "velocity", velocity)
+    run: Any = SimpleNamespace(dt=1e-7, deck=SimpleNamespace(radius=radius, stated=lambda scene: stated))
+    errors = file_of(plain + (0.5 if stated else 0.0) + np.array([[0.0, 0.0], [0.0, 4.0 * rest]]))
+    twins = limits.Twins.of(PAIR, run, errors)
+    return {row.what: (row.found, row.effect) for row in limits._of_numerics(twins, run, errors)}
 
 
 def test_the_step_and_the_radius_are_measured_by_twins(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -288,42 +297,39 @@ def test_the_step_and_the_radius_are_measured_by_twins(monkeypatch: pytest.Monke
     plain = numerics(monkeypatch, None, 0.035)
     assert [*plain] == ["time step", "neither time step nor radius"]
     assert plain["neither time step nor radius"][1] == pytest.approx(0.035)
+    # what the deck states otherwise than the scene is no unexplained rest
+    stated = numerics(monkeypatch, None, 0.035, gravity=9.81)
+    assert stated["neither time step nor radius nor what the deck states"][1] == pytest.approx(0.035)
 
-    def fail(*arguments: Any) -> None:
+    def fail(*arguments: Any, **fields: Any) -> None:
         raise DemBridgeError("no twin")
 
-    monkeypatch.setattr(limits, "_velocity", fail)
-    nothing: Any = None
-    for dt, expected in (
-        (1e-7, ("time step and radius", "no twin")),
-        (None, ("time step", "several, or none that can be read")),
+    monkeypatch.setattr(limits.Twins, "velocity", fail)
+    for dt, time, expected in (
+        (1e-7, (0.0, 1e-5), ("time step and radius", "no twin")),
+        (None, (0.0, 1e-5), ("time step", "several, or none that can be read")),
+        (1e-7, (1e-6, 1e-5), ("time step", "samples are not at even times from the start on")),
     ):
-        run: Any = SimpleNamespace(dt=dt, deck=SimpleNamespace(radius=None))
-        (row,) = limits._of_numerics(PAIR, run, nothing)
+        run: Any = SimpleNamespace(dt=dt, deck=SimpleNamespace(radius=None, stated=lambda scene: {}))
+        errors = file_of(REFERENCE, time)
+        (row,) = limits._of_numerics(limits.Twins.of(PAIR, run, errors), run, errors)
         assert ((row.what, row.found), math.isnan(row.effect)) == (expected, True)
 
 
-@pytest.mark.parametrize(
-    ("rows", "shift", "difference"),
-    [
-        (range(51), 0.0, 9.0),
-        (range(51), 0.9e-12, 9.0),
-        (range(51), 1.5e-12, NAN),
-        ([0], 0.0, 9.0),
-        ([50], 0.0, 7.0),
-        ([1, 2], 0.0, 5.0),
-    ],
-)
-def test_a_file_is_compared_with_a_twin_at_the_times_of_both(rows: Any, shift: float, difference: float) -> None:
-    times = np.linspace(0.0, PAIR.duration, 51)
-    twin = np.zeros((51, 2))
-    twin[0, 1], twin[50, 1], twin[1:50, 1] = -5.0, -3.0, -1.0
-    part = SimpleNamespace(error=np.full((len(rows), 1), 4.0), columns=(1,))
-    file: Any = SimpleNamespace(quantities={"velocity": part}, record=SimpleNamespace(time=times[[*rows]] + shift))
-    assert limits._difference_from_twin(PAIR, file, twin) == pytest.approx(difference, nan_ok=True)
-    # one time of two is that of the twin
-    part.error, file.record.time = np.array([[4.0], [99.0]]), np.array([times[2], times[3] + 1e-6])
-    assert limits._difference_from_twin(PAIR, file, twin) == 5.0
+def test_twins_are_runs_of_the_samples_of_the_file_however_long_the_scene_is() -> None:
+    time = np.linspace(0.0, 4e-5, 5)
+    run: Any = SimpleNamespace(dt=1e-6, deck=None)
+    values = np.zeros((5, 2))
+    part = SimpleNamespace(error=values, columns=(0, 1), scale=1.0)
+    errors: Any = SimpleNamespace(quantities={"velocity": part}, record=SimpleNamespace(time=time))
+    short = replace(PAIR, duration=1e-5)
+    for scene in (PAIR, short):
+        plain = limits.Twins.of(scene, run, errors).plain
+        assert plain.shape == (5, 2)
+        # before the end of the contact both have moved, and momentum is kept
+        assert np.ptp(plain[:, 0]) > 0.1
+        np.testing.assert_allclose(plain.sum(axis=1), 1.0, rtol=1e-12)
+    assert math.isnan(limits.Twins.of(PAIR, SimpleNamespace(dt=None), errors).effect({"gravity": 9.81}))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -346,29 +352,36 @@ def test_points_of_tables_are_read(line: str, points: str | None) -> None:
 
 
 def test_fields_that_differ_have_their_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    def twins(dt: float | None = 1e-6) -> limits.Twins:
+        return limits.Twins.of(PAIR, run_of(user_deck(), dt=dt), file_of(REFERENCE))
+
     for length, shown in ((160, "x" * 160), (161, f"{'x' * 157}...")):
-        (row,) = limits._of_scene(PAIR, run_of(user_deck(problems=("x" * length,))))
+        (row,) = limits._of_scene(twins(), run_of(user_deck(problems=("x" * length,))))
         assert row.found == f"the deck cannot be read as a scene: {shown}"
         assert math.isnan(row.effect)
-    (row,) = limits._of_scene(PAIR, run_of(user_deck(problems=("a", "b"))))
+    (row,) = limits._of_scene(twins(), run_of(user_deck(problems=("a", "b"))))
     assert row.found.endswith("a scene: a; b")
+
+    def velocity(self: limits.Twins, **changes: Any) -> Any:
+        # the effects of both cancel
+        wall, gravity = "wall_right" in changes, "gravity" in changes
+        return np.array([[4.0, -1.0 - 0.5 * wall + 0.5 * gravity]])
+
+    monkeypatch.setattr(limits.Twins, "velocity", velocity)
     other = SimpleNamespace(scene=replace(PAIR, wall_right=Wall(stiffness=1e9)))
-
-    def velocity(scene: Scene, code: str, dt: float | None) -> Any:
-        assert (code, dt) == ("verlet", 1e-6)
-        return np.array([[4.0, -1.0]]) if scene.wall_right is None else np.array([[3.0, -1.5]])
-
-    monkeypatch.setattr(limits, "_velocity", velocity)
-    (row,) = limits._of_scene(PAIR, run_of(user_deck(read=other)))
-    assert (row.what, row.effect) == ("wall right", 0.25)
-    (row,) = limits._of_scene(PAIR, run_of(user_deck(read=other), dt=None))
+    (row,) = limits._of_scene(twins(), run_of(user_deck(read=other)))
+    assert (row.what, row.effect) == ("wall right", 0.125)
+    (row,) = limits._of_scene(twins(None), run_of(user_deck(read=other)))
     assert math.isnan(row.effect)
+    both = SimpleNamespace(scene=replace(other.scene, gravity=9.81))
+    rows = {row.what: row.effect for row in limits._of_scene(twins(), run_of(user_deck(read=both)))}
+    assert rows == {"wall right": 0.125, "gravity": 0.125, "all differences from the scene together": 0.0}
 
-    def fail(*arguments: Any) -> None:
+    def fail(*arguments: Any, **changes: Any) -> None:
         raise DemBridgeError("no twin")
 
-    monkeypatch.setattr(limits, "_velocity", fail)
-    assert math.isnan(limits._effect(PAIR, "gravity", 9.81, 1e-6))
+    monkeypatch.setattr(limits.Twins, "velocity", fail)
+    assert math.isnan(twins().effect({"gravity": 9.81}))
 
 
 @pytest.mark.parametrize(
@@ -571,7 +584,8 @@ def test_files_and_decks_are_judged_together_with_the_names_of_their_decks(monke
     @contextmanager
     def deck_run(path: Path, scene: Scene, **words: Any) -> Iterator[Any]:
         assert words == {"engine": None, "variables": None, "time_limit": 600.0}
-        yield SimpleNamespace(out=Path("dump"), deck=SimpleNamespace(path=path), dt=1e-6)
+        deck = SimpleNamespace(path=path, stated=lambda scene: {"gravity": 9.81})
+        yield SimpleNamespace(out=Path("dump"), deck=deck, dt=1e-6)
 
     monkeypatch.setattr(beside, "deck_run", deck_run)
     monkeypatch.setattr(beside, "read_record", lambda path, scene, dt: nothing_of(str(path), dt))

@@ -345,7 +345,7 @@ def test_every_fit_may_return_to_the_scene_and_starts_within_its_bounds() -> Non
         if hypothesis.size and not hypothesis.logarithmic:
             assert low <= 0.0 < high
             if hypothesis.cause != "modulus" and hypothesis.cause != "missing-sqrt-radius":
-                same, base = hypothesis.make(np.zeros(1)).system, Model(CHAIN).system
+                same, base = hypothesis.make(np.zeros(hypothesis.size)).system, Model(CHAIN).system
                 np.testing.assert_allclose(same.stiffness, base.stiffness)
                 np.testing.assert_allclose(same.mass, base.mass)
                 assert not same.damped
@@ -423,7 +423,9 @@ def test_units_of_each_quantity_are_recognised_by_their_size() -> None:
         factor = max(factors) if max(factors) > 1.0 else min(factors)
         data = data_of(replace(record, values={**record.values, name: factor * record.values[name]}))
         exact = data.predict(Variant(data.model.system), 41, 1e-13)
-        made = [each.make(np.zeros(0)) for each in sample_hypotheses(data, exact) if each.cause == "units"]
+        made = [
+            each.make(np.zeros(0)) for each in sample_hypotheses(data, exact) if each.cause == "units" and not each.size
+        ]
         assert any(each.factors == pytest.approx(factors) and each.scale == 1.0 for each in made)
         right = next(each for each in made if each.factors == pytest.approx(factors) and each.scale == 1.0)
         assert rms(data.residual(data.predict(right, 41, 1e-13))) < 1.2

@@ -133,12 +133,14 @@ def test_a_step_that_does_not_divide_the_interval_is_in_another_unit(dt: float |
     assert data_of(RIGHT, dt=dt, time=np.array([0.0, 0.5, 1.0, 1.7])).whole
 
 
-def test_the_motion_is_known_up_to_three_durations() -> None:
-    data = data_of(RIGHT, time=np.array([-1.0, 1.0, 5.0, 7.0]))
-    assert data.model.calls == [([0.0, 1.0, 5.0, 6.0], 0.0)]  # type: ignore[attr-defined]
-    _, times = data.motion(Variant(1.0), 4, 1e-5, None)  # type: ignore[arg-type]
-    assert times.tolist() == [-1.0, 1.0, 5.0, 7.0]
-    assert data.model.calls[-1] == ([0.0, 1.0, 5.0, 6.0], 1e-5)  # type: ignore[attr-defined]
+@pytest.mark.parametrize(("end", "latest"), [(5.5, 6.0), (7.0, 7.0), (40.0, 40.0)])
+def test_the_motion_is_known_up_to_three_durations_or_to_the_end_of_the_file(end: float, latest: float) -> None:
+    data = data_of(RIGHT, time=np.array([-1.0, 1.0, 5.0, end]))
+    assert data.model.calls == [([0.0, 1.0, 5.0, end], 0.0)]  # type: ignore[attr-defined]
+    _, times = data.motion(Variant(1.0, scale=10.0), 4, 1e-5, None)  # type: ignore[arg-type]
+    assert times.tolist() == [-10.0, 10.0, 50.0, 10.0 * end]
+    reached = [0.0, min(10.0, latest), min(50.0, latest), min(10.0 * end, latest)]
+    assert data.model.calls[-1] == (reached, 1e-5)  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.judging import kernels
+from dem_bridge.judging import kernels, samples
 from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, _effective, _factor, global_hypotheses
 from dem_bridge.judging.model import Model, system_of
 from dem_bridge.judging.samples import POWERS, half_steps, sample_hypotheses
@@ -44,6 +44,8 @@ EVERYWHERE = [
     ("mass", "All masses are 1.5 +- 0.25 of the scene's.", WIDE, ("factor",), math.exp(0.5)),
     ("exponent", "The exponent n differs from the scene's by 1.5 +- 0.25.",
      ((0.0,), (0.25,), (-0.25,), (0.5,), (-0.5,)), ((-1.4, 3.0),), 0.5),
+    ("exponent", "The exponent n differs from the scene's by 1.5 +- 0.25, and all stiffnesses with it.",
+     ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0)), ((-1.4, 3.0),), 0.5),
     ("missing-sqrt-radius",
      "Stiffnesses lack sqrt(R*) in the contacts between bodies (mean factor 1.5 +- 0.25).", WIDE, (None,),
      math.exp(0.5)),
@@ -58,7 +60,7 @@ EVERYWHERE = [
     ("tension", "Open contacts pull.", ((),), (), None),
     ("time-scale", "Times of the file are to be multiplied by 1.5 +- 0.25.", ((0.0,), (0.3,), (-0.3,)), (),
      math.exp(0.5)),
-    ("start speed", "Start velocities are 1.5 +- 0.25 of the scene's.", LOG, (False,), math.exp(0.5)),
+    ("start-velocity", "All start velocities are 1.5 +- 0.25 of the scene's.", LOG, (), math.exp(0.5)),
     ("drag", "Every body is dragged.", ((0.0,), (0.1,)), (False,), 0.5),
 ]  # fmt: skip
 
@@ -105,7 +107,7 @@ def test_each_hypothesis_changes_what_it_says() -> None:
     np.testing.assert_allclose(by_cause["exponent"].make(HALF).system.exponent, base.exponent + 0.5)
     assert by_cause["tension"].make(NOTHING).system.pulls
     assert by_cause["time-scale"].make(HALF) == Variant(base, scale=factor)
-    np.testing.assert_allclose(by_cause["start speed"].make(HALF).system.velocity, factor * base.velocity)
+    np.testing.assert_allclose(by_cause["start-velocity"].make(HALF).system.velocity, factor * base.velocity)
     dragged = by_cause["drag"].make(HALF).system
     assert dragged.drag == pytest.approx(0.5 / CHAIN.duration)
     again = of(replace(CHAIN, drag=300.0), "drag")[0].make(HALF).system
@@ -341,7 +343,8 @@ def data_of(
 
 def test_times_lags_and_orders_of_samples_are_these() -> None:
     data = data_of()
-    yielded = [each for each in sample_hypotheses(data, data.exact) if each.cause != "units"]
+    new = ("units", "sign", "start-position")
+    yielded = [each for each in sample_hypotheses(data, data.exact) if each.cause not in new]
     assert [each.cause for each in yielded] == [
         *("time-shift", "sampling-shift", "sampling-shift", "order-of-bodies", "order-of-bodies")
     ]
@@ -379,7 +382,7 @@ def test_times_lags_and_orders_of_samples_are_these() -> None:
 def test_times_may_be_in_units_in_which_the_scene_ends_with_the_file(end: float, scales: list[float]) -> None:
     data = data_of(end=end)
     data.model.scene.duration = 2.0 if end == 0.15 else 1.0
-    yielded = [each for each in sample_hypotheses(data, []) if each.cause == "units"]
+    yielded = list(samples._units(data, []))
     if end == 1e9:
         scales = [1e-9]
     if end == 1e10:
@@ -397,7 +400,7 @@ def test_values_may_be_in_units_of_a_power_of_ten(factor: float, power: int) -> 
     for place, name in enumerate(("velocities", "displacements", "forces")):
         factors = tuple(factor if k == place else 1.0 for k in range(3))
         data = data_of(end=5e9, values=factors)
-        yielded = [each for each in sample_hypotheses(data, data.exact) if each.cause == "units"]
+        yielded = list(samples._units(data, data.exact))
         if not power:
             assert yielded == []
             continue
@@ -409,11 +412,11 @@ def test_values_may_be_in_units_of_a_power_of_ten(factor: float, power: int) -> 
     # in times of another unit values are compared with the motion at those times, here 100 scale times as large
     data = data_of(end=1e9, values=(1e-7, 1e-4), quantities=(0, 2))
     data.exact = [np.zeros(3)] * 2
-    (each,) = (each for each in sample_hypotheses(data, data.exact) if each.cause == "units")
+    (each,) = samples._units(data, data.exact)
     assert each.evidence == "Units: times by 1e-09 and forces by 0.001 give SI."
     assert each.make(NOTHING).factors == pytest.approx((1.0, 1.0, 1e3))
     with pytest.raises(ValueError, match="zip"):
-        list(sample_hypotheses(data, data.exact[:1] * 3))
+        list(samples._units(data, data.exact[:1] * 3))
 
 
 METHODS = [
@@ -454,7 +457,7 @@ def test_methods_of_first_order_have_a_step_that_is_fitted(end: float, low: floa
 
 def test_defaults_are_those_of_an_unchanged_motion() -> None:
     system: Any = "base"
-    expected = (system, 0.0, 1.0, 0.0, 0, (1.0, 1.0, 1.0), None, None, None)
+    expected = (system, 0.0, 1.0, 0.0, 0, (1.0, 1.0, 1.0), None, None, None, None)
     assert tuple(Variant(system)) == expected
     make: Callable[[Floats], Variant] = lambda p: Variant(system)  # noqa: E731
     assert settings(Hypothesis("", make, "")) == ()

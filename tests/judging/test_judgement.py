@@ -237,7 +237,8 @@ def test_the_text_states_outcome_error_order_cause_and_advice(convergent: Judgem
     assert text["velocity"].startswith("error at most ")
     assert " of the largest (0.8 m/s), +- " in text["velocity"]
     assert "Second order" in text["order"]
-    assert text["next"] == "Nothing needs to be corrected. A smaller time step gives smaller errors."
+    assert text["next"].startswith("No fault was found. The time step of 250 ns makes an error of ")
+    assert "makes an error of 1e-2 of the largest velocity, and one of " in text["next"]
 
 
 def test_errors_that_vanish_with_the_step_need_no_cause(diagnosis: list[Diagnosis]) -> None:

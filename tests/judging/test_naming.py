@@ -336,15 +336,6 @@ def test_limits_are_sorted_by_their_effect_and_newton_has_none() -> None:
     assert [limit.what for limit in sorted(unsorted, key=limits._place)] == ["0.01", "1e-06", "nan", "newton"]
 
 
-def test_an_error_of_the_first_sample_counts_beside_the_twin() -> None:
-    error = np.zeros((PAIR.samples + 1, 1))
-    error[0] = 0.25
-    times = np.linspace(0.0, PAIR.duration, PAIR.samples + 1)
-    part = SimpleNamespace(error=error, columns=(1,))
-    file: Any = SimpleNamespace(quantities={"velocity": part}, record=SimpleNamespace(time=times))
-    assert limits._difference_from_twin(PAIR, file, np.zeros((PAIR.samples + 1, 2))) == 0.25
-
-
 def test_a_deck_takes_along_what_it_names_in_its_folder_and_nothing_else(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     for name in ("in.x", "data.x", "out/table", "../beside"):

@@ -48,6 +48,7 @@ def test_times_in_another_unit_are_named(factor: float) -> None:
 
 
 def test_times_of_a_longer_run_are_not_taken_for_another_unit() -> None:
-    heavier = replace(_record(1e3), values={"velocity": 1.1 * _record(1e3).values["velocity"]})
+    late = _record(1e3).values["velocity"] * np.linspace(1.0, 1.2, len(_record(1e3).time))[:, None]
+    heavier = replace(_record(1e3), values={"velocity": late})
     judgement = judge_records(BOX, [heavier]) if heavier.time[1] < 20 * BOX.duration else None
     assert judgement is None or judgement.cause != "units"

@@ -393,6 +393,34 @@ def units(chain: Chain, setting: Setting, size: float, rng: np.random.Generator)
     return Change(chain=chain, truth=truth, samples=scaled, parameters=parameters)
 
 
+def start_velocity(chain: Chain, setting: Setting, size: float, rng: np.random.Generator) -> Change:
+    changed = replace(chain, velocity=chain.velocity * (1.0 + size))
+    # springs that begin closed move in proportion to the start speed, so that all values are scaled
+    also = frozenset({"units"}) if chain.family == "springs" else frozenset[str]()
+    return Change(chain=changed, truth=frozenset({"start-velocity"}), also=also, parameters={"factor": 1.0 + size})
+
+
+def sign(chain: Chain, setting: Setting, size: float, rng: np.random.Generator) -> Change:
+    def turned(run: Run) -> Run:
+        return Run(time=run.time, values={name: -data for name, data in run.values.items()})
+
+    return Change(chain=chain, truth=frozenset({"sign"}), samples=turned)
+
+
+def two_swapped(chain: Chain, setting: Setting, size: float, rng: np.random.Generator) -> Change:
+    """The columns of two bodies that the pulse reaches are swapped."""
+    first = int(rng.integers(1, max(2, chain.n_body // 2)))
+    order = list(range(chain.n_body))
+    order[first], order[first - 1] = order[first - 1], order[first]
+
+    def permuted(run: Run) -> Run:
+        return Run(time=run.time, values={name: data[:, order] for name, data in run.values.items()})
+
+    return Change(
+        chain=chain, truth=frozenset({"order-of-bodies"}), samples=permuted, parameters={"bodies": [first - 1, first]}
+    )
+
+
 def order_of_bodies(chain: Chain, setting: Setting, size: float, rng: np.random.Generator) -> Change:
     def turned(run: Run) -> Run:
         return Run(time=run.time, values={name: data[:, ::-1] for name, data in run.values.items()})
@@ -417,12 +445,6 @@ def none(chain: Chain, setting: Setting, size: float, rng: np.random.Generator) 
 
 
 # outside the list: no cause of the contract explains these files
-
-
-def start_speed(chain: Chain, setting: Setting, size: float, rng: np.random.Generator) -> Change:
-    changed = replace(chain, velocity=chain.velocity * (1.0 + size))
-    # displacements alone: a factor on the time and one on all stiffnesses together
-    return Change(chain=changed, truth=frozenset({"unknown"}), parameters={"factor": 1.0 + size})
 
 
 def one_gap(chain: Chain, setting: Setting, size: float, rng: np.random.Generator) -> Change:
@@ -486,8 +508,7 @@ def swapped(chain: Chain, setting: Setting, size: float, rng: np.random.Generato
     def permuted(run: Run) -> Run:
         return Run(time=run.time, values={name: data[:, order] for name, data in run.values.items()})
 
-    also = frozenset({"order-of-bodies"})
-    return Change(chain=chain, truth=frozenset({"unknown"}), also=also, samples=permuted)
+    return Change(chain=chain, truth=frozenset({"order-of-bodies"}), samples=permuted)
 
 
 def both(first: str, second: str) -> Callable[[Chain, Setting, float, np.random.Generator], Change]:
@@ -533,6 +554,10 @@ LISTED: dict[str, Callable[[Chain, Setting, float, np.random.Generator], Change]
     "missed-contact": missed_contact,
     "single-precision": single_precision,
     "sampling-shift": sampling_shift,
+    "start-velocity": start_velocity,
+    "sign": sign,
+    "two-swapped": two_swapped,
+    "swapped": swapped,
 }
 PAIRS = (
     ("mass", "stiffness"),
@@ -546,21 +571,19 @@ PAIRS = (
     ("missed-contact", "damping"),
 )
 OUTSIDE: dict[str, Callable[[Chain, Setting, float, np.random.Generator], Change]] = {
-    "start-speed": start_speed,
     "one-gap": one_gap,
     "drag": drag,
     "two-masses": two_masses,
     "noise": noise,
     "offset": offset,
     "softening": softening,
-    "swapped": swapped,
 }
 FAULTS = {"none": none, **LISTED, **OUTSIDE}
 FAULTS |= {f"{first}+{second}": both(first, second) for first, second in PAIRS}
 #: faults whose size is free; the others are as large as they are
 SIZED = (
     *("exponent", "mass", "stiffness", "stiffness-scale", "damping", "time-shift", "time-scale", "gravity"),
-    *("start-speed", "one-gap", "drag", "two-masses", "noise", "offset", "softening"),
+    *("start-velocity", "one-gap", "drag", "two-masses", "noise", "offset", "softening"),
 )
 #: faults that need a kind of chain
 ONLY = {
