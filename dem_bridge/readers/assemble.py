@@ -62,6 +62,7 @@ def draft_of_table(name: str, table: Table, scene: Scene, choices: Choices) -> D
     notes = list(table.notes)
     assigned = _assigned(table, scene, choices, notes)
     assigned = _forces(_of_axis(assigned, choices, notes), scene, notes)
+    _check_cells(table, assigned)
     time, time_rounding, dt = _times(assigned, table, choices, notes)
     if empty := [entry.heading for _, entry in assigned if not entry.values.size]:
         raise UsageError(f"{empty[0]!r} has no values; allowed: a value for each of two or more times")
@@ -83,6 +84,21 @@ def draft_of_table(name: str, table: Table, scene: Scene, choices: Choices) -> D
         sampled = {quantity: _wide(draft, quantity, block, ids, scene, choices) for quantity, block in blocks.items()}
     _add(draft, sampled, scene)
     return draft
+
+
+def _check_cells(table: Table, assigned: list[tuple[Heading, Entry]]) -> None:
+    """Raise UsageError for an empty cell of a used column of a text, unless all of its cells are empty."""
+    for _, entry in assigned:
+        empty = entry.values == b"" if entry.values.dtype.kind == "S" else np.zeros(0, dtype=bool)
+        if len(rows := np.flatnonzero(empty)) and not np.all(empty):
+            row = int(rows[0])
+            place = f"line {table.lines[row]}, " if row < len(table.lines) else ""
+            number = next(k for k, other in enumerate(table.entries, start=1) if other is entry)
+            others = f", as {len(rows) - 1} more in this column are" if len(rows) > 1 else ""
+            raise UsageError(
+                f"{place}column {number} ({entry.heading!r}): the cell is empty{others}; allowed:"
+                " finite numbers; write a number or leave out the row"
+            )
 
 
 def _assigned(table: Table, scene: Scene, choices: Choices, notes: list[str]) -> list[tuple[Heading, Entry]]:
@@ -280,9 +296,18 @@ def _each_scaled(values: Floats, rounding: Floats, scales: Floats) -> tuple[Floa
 
 
 def _columns(
-    draft: Draft, quantity: str, indices: Sequence[int | None], scene: Scene, choices: Choices
+    draft: Draft,
+    quantity: str,
+    indices: Sequence[int | None],
+    scene: Scene,
+    choices: Choices,
+    *,
+    from_one: bool = False,
 ) -> tuple[int, ...]:
-    """Return the body (contact) of each column from the indices in the headings."""
+    """Return the body (contact) of each column from the indices in the headings.
+
+    ``from_one``: indices that begin with 1 are those of atoms, which count from 1 also where the last one is missing.
+    """
     of_contacts = quantity == "contact_force"
     count, kind = (scene.n_contact, "contact") if of_contacts else (scene.n_body, "body")
     if choices.bodies is not None and not of_contacts:
@@ -303,15 +328,18 @@ def _columns(
         return tuple(range(count))
     if len(numbered) != len(indices):
         raise UsageError(f"only some columns of {quantity} have the number of a {kind}; allowed: all or none")
-    if min(numbered) == 1 and max(numbered) == count:
+    first = 1 if min(numbered) == 1 and (max(numbered) == count or (from_one and max(numbered) < count)) else 0
+    if first:
         draft.notes.append(f"the columns of {quantity} count from 1: {kind} 0 of the scene is number 1 of the file")
-        return tuple(index - 1 for index in numbered)
-    if len(numbered) < count:
+    if len({*numbered}) < count:
+        absent = [str(k + first) for k in range(count) if k + first not in numbered]
+        kinds = "contacts" if of_contacts else "bodies"
+        some = f"{', '.join(absent[:8])}{' and others' if len(absent) > 8 else ''}"
+        missing = f"{kind} {some} is missing" if len(absent) == 1 else f"{kinds} {some} are missing"
         draft.notes.append(
-            f"the file has the {quantity} of {len(numbered)} of {count} {'contacts' if of_contacts else 'bodies'},"
-            " counted from 0"
+            f"the file has the {quantity} of {len(numbered)} of {count} {kinds}, counted from {first}; {missing}"
         )
-    return tuple(numbered)
+    return tuple(index - first for index in numbered)
 
 
 def _long(
@@ -349,24 +377,24 @@ def _long(
         heading, entry = block[0]
         values, rounding = numbers(entry.values)
         scale = choices.scale(quantity, heading.unit or entry.unit)
-        columns = _columns(draft, quantity, names.tolist(), scene, choices)
+        from_one = bodies.heading.strip().lower() == "id"
+        columns = _columns(draft, quantity, names.tolist(), scene, choices, from_one=from_one)
         sampled[quantity] = (*scaled(values[rows], rounding[rows], scale), columns)
     return sampled
 
 
 def _add(draft: Draft, sampled: dict[str, tuple[Floats, Floats, tuple[int, ...]]], scene: Scene) -> None:
-    """Add the quantities to the draft; rows with missing values are left out."""
-    for name in [name for name, (_, rounding, _) in sampled.items() if np.all(np.any(np.isnan(rounding), axis=1))]:
-        draft.notes.append(f"{name} is unknown, because the file has empty values at all times")
-        del sampled[name]
-    missing = np.zeros(len(draft.time), dtype=bool)
-    for _, rounding, _ in sampled.values():
-        missing |= np.any(np.isnan(rounding), axis=1)
-    if np.any(missing):
-        draft.lost = f"{np.sum(missing)} of {len(missing)} samples have empty values and are not used"
-        draft.notes.append(draft.lost)
-        draft.time, draft.time_rounding = draft.time[~missing], draft.time_rounding[~missing]
-        sampled = {name: (v[~missing], r[~missing], c) for name, (v, r, c) in sampled.items()}
+    """Add the quantities to the draft; columns without values are left out."""
+    for name, (values, rounding, columns) in list(sampled.items()):
+        absent = np.all(np.isnan(rounding), axis=0)
+        if np.all(absent):
+            draft.notes.append(f"{name} is unknown, because the file has empty values at all times")
+            del sampled[name]
+        elif np.any(absent):
+            lacking = ", ".join(str(column) for column, empty in zip(columns, absent, strict=True) if empty)
+            draft.notes.append(f"{name} of {'contact' if name == 'contact_force' else 'body'} {lacking} has no values")
+            kept = tuple(column for column, empty in zip(columns, absent, strict=True) if not empty)
+            sampled[name] = values[:, ~absent], rounding[:, ~absent], kept
     for name in QUANTITIES:
         if name in sampled:
             draft.add(name, *sampled[name])

@@ -53,11 +53,14 @@ class Table:
     """Time step that the file states, s."""
     has_headings: bool = True
     """True if the file has headings."""
+    lines: Sequence[int] = ()
+    """Line of the file of each row of a text, from 1; empty for arrays."""
 
 
 def read_text(text: str) -> Table:
     """Read a table of numbers with headings, or without (then they are the numbers of the columns, from 0)."""
-    lines = [line for line in text.splitlines() if line.strip()]
+    numbered = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    lines = [line for _, line in numbered]
     rows_at = [k for k, line in enumerate(lines) if not line.lstrip().startswith(_COMMENTS)]
     plain = [lines[k] for k in rows_at]
     begin = next((k for k, line in enumerate(plain) if _delimiter_of_numbers(line) is not None), None)
@@ -82,7 +85,7 @@ def read_text(text: str) -> Table:
     while fewest > 1 and not any(row[fewest - 1] for row in rows):  # empty columns at the end may have no heading
         fewest -= 1
     headings, has_headings = _headings(plain[:begin][-_MOST_COMMENTS:], comments, (fewest, count), delimiter)
-    table = Table([], has_headings=has_headings)
+    table = Table([], has_headings=has_headings, lines=[numbered[k][0] for k in rows_at[begin:]])
     if delimiter in ";\t" and any("," in cell for cell in rows[0]):
         rows = [[cell.replace(",", ".") for cell in row] for row in rows]
         table.notes.append("numbers have decimal commas")

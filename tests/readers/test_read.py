@@ -396,7 +396,6 @@ _TRIED = {
     "steps": (_table("# step v0", np.arange(N_T), FIRST, delimiter=" "), "run.txt", "step numbers times"),
     "comment with dt": ("# dt = 2e-7\n" + _table("t,v0", RUN.time, FIRST), "run.csv", "time step is 2e-07 s"),
     "decimal commas": (_table("t;v0", RUN.time, FIRST, delimiter=";").replace(".", ","), "a", "decimal commas"),
-    "an empty cell": (_table("t,v0", RUN.time, FIRST) + "1.0,\n", "run.csv", "1 of 14 samples have empty"),
     "Fortran": (_table("t v0", RUN.time, FIRST, number="%.16e", delimiter=" ").replace("e", "D"), "a", ""),
 }
 
@@ -722,3 +721,41 @@ def test_a_time_step_of_xyz_that_is_no_number_is_ignored(tmp_path: Path, monkeyp
         f"H {k} 0 0 {v} 0 0\n" for k, v in enumerate(CROSSED.velocity)
     )
     assert _read(tmp_path, frame.format(0) + frame.format(1e-5)).dt is None
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("t,v0,v1\n0,1,0\n1,,0\n2,1,0\n", r"line 3, column 2 \('v0'\): the cell is empty; allowed: finite numbers"),
+        ("# a comment\n\nt,v0,v1\n0,1,0\n\n1,1,\n2,1,\n", r"line 6, column 3 \('v1'\): the cell is empty, as 1 more"),
+        ("t;v0;v1\n0;1;0\n;1;0\n", r"line 3, column 1 \('t'\)"),
+        ("t,id,v\n0,1,1\n0,2,0\n1,1,1\n1,,0\n", r"line 5, column 2 \('id'\)"),
+        ("t,ke,v0,v1\n0,,1,0\n1,5,1,nan\n", "the velocity of body 1 at 1 s is nan; allowed: finite numbers"),
+    ],
+)
+def test_an_empty_cell_is_refused_with_its_line_and_column(text: str, place: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(text)
+    pair = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+    with pytest.raises(UsageError, match=place):
+        read_record(path, pair)
+
+
+@pytest.mark.parametrize(
+    ("text", "columns", "sentence"),
+    [
+        ("t,v0,v2,v3\n0,1,0,0\n1,1,0,0\n", (0, 2, 3), "velocity of 3 of 4 bodies, counted from 0; body 1 is missing"),
+        ("t,v1,v2,v4\n0,1,0,0\n1,1,0,0\n", (0, 1, 3), "velocity of 3 of 4 bodies, counted from 1; body 3 is missing"),
+        ("t,id,v\n0,1,1\n0,2,0\n0,3,0\n1,1,1\n1,2,0\n1,3,0\n", (0, 1, 2), "counted from 1; body 4 is missing"),
+        ("t,body,v\n0,1,1\n0,2,0\n0,3,0\n1,1,1\n1,2,0\n1,3,0\n", (1, 2, 3), "counted from 0; body 0 is missing"),
+        ("t,v0,v1,v2,v3\n0,1,,0,0\n1,1,,0,0\n", (0, 2, 3), "velocity of body 1 has no values"),
+        ("t,id,v\n0,1,1\n0,2,0\n0,3,0\n0,4,0\n1,1,1\n1,2,0\n1,4,0\n2,1,1\n2,2,0\n2,3,0\n2,4,0\n", (0, 1, 2, 3),
+         "1 of 3 times lack a body and are not used: 1 s lacks body 3"),
+    ],
+)  # fmt: skip
+def test_a_body_that_is_missing_is_named(text: str, columns: tuple[int, ...], sentence: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(text)
+    record = read_record(path, CROSSED)
+    assert record.columns["velocity"] == columns
+    assert any(sentence in note for note in record.recognised), record.recognised

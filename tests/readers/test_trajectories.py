@@ -309,7 +309,7 @@ def test_csv_of_others_in_other_units(tmp_path: Path) -> None:
         ("time_s,displacement_0_m,displacement_1_m\n0,1\n", "which is not the number of headings in"),
         ("time_s,body,displacement_m\n0,0,0\n0,1,0\n1,0,0\n", "not used: 1 s lacks body 1; allowed: a complete"),
         ("time_s,x_0_m,x_1_m\n0,0,1\n1,0,1\n0.5,0,1\n", "sample 2 is at 0.5 s and sample 1 at 1 s; allowed"),
-        ("time_s,x_0_m,x_1_m\n0,0,1\n1,,1\n", "1 of 2 samples have empty values and are not used; allowed: a complete"),
+        ("time_s,x_0_m,x_1_m\n0,0,1\n1,,1\n", r"line 3, column 2 \('x_0_m'\): the cell is empty; allowed: finite"),
         ("", "the file is empty"),
     ],
 )  # fmt: skip
