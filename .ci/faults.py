@@ -9,15 +9,30 @@ import gc
 import math
 import random
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-#: where faults are planted
-PARTS = ("physics", "accuracy.py", "verification/verdict.py", "uncertainty", "observables", "lmp/deck.py", "judging")
+#: groups of parts, and the files and folders of each part, in which faults are planted: a sample is one of a group
+GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
+    "numerics": {
+        part: (part,)
+        for part in (
+            "physics", "accuracy.py", "verification/verdict.py", "uncertainty", "observables", "lmp/deck.py", "judging",
+        )
+    },
+    "services": {part: (part,) for part in ("ensembles", "exports", "planning", "campaign", "measurement")}
+    | {
+        "figures": (
+            "plot.py", "report/drawing.py", "report/figure_csv.py", "report/figures.py", "report/motion.py",
+            "report/scales.py",
+        ),
+        "keys": ("runs/cache.py", "runs/case.py", "runs/keys.py", "cluster.py"),
+    },
+}  # fmt: skip
 _OPERATORS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.FloorDiv: ast.Mult,
     ast.Mod: ast.Mult, ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq,
@@ -117,29 +132,31 @@ def mutated(text: str, index: int) -> Iterator[tuple[ast.Module, str, int, str]]
         holder[key] = old
 
 
-def targets(parts: Sequence[str] = PARTS) -> list[str]:
-    """Return the files in which faults are planted."""
-    places = [ROOT / "dem_bridge" / part for part in parts]
+def targets(group: str, part: str = "") -> list[str]:
+    """Return the files of a group in which faults are planted, or those of one of its parts."""
+    places = [
+        ROOT / "dem_bridge" / each for name, of_part in GROUPS[group].items() if part in ("", name) for each in of_part
+    ]
     files = [file for place in places for file in (sorted(place.rglob("*.py")) if place.is_dir() else [place])]
     return [str(file.relative_to(ROOT)) for file in files]
 
 
 @functools.cache
-def _every_change() -> list[tuple[str, int]]:
-    texts = {file: (ROOT / file).read_text(encoding="utf-8") for file in targets()}
+def _every_change(group: str) -> list[tuple[str, int]]:
+    texts = {file: (ROOT / file).read_text(encoding="utf-8") for file in targets(group)}
     return [(file, k) for file, text in texts.items() for k in range(len(_parsed(text)[1]))]
 
 
-def sample(count: int, seed: int, part: str = "") -> dict[int, Mutant]:
-    """Return a seeded sample of all changes of the targets by number, or those in files whose path begins with a part.
+def sample(count: int, seed: int, group: str = "numerics", files: Collection[str] | None = None) -> dict[int, Mutant]:
+    """Return a seeded sample of all changes of a group by number, or those of the sample that are in some files.
 
     A smaller count is the beginning of a larger one.
     """
-    every = list(_every_change())
+    every = list(_every_change(group))
     random.Random(seed).shuffle(every)
     chosen = {}
     for number, (file, index) in enumerate(every[:count]):
-        if file.startswith(part):
+        if files is None or file in files:
             with mutated((ROOT / file).read_text(encoding="utf-8"), index) as (_, after, line, before):
                 chosen[number] = Mutant(file, index, line, before, after)
     return chosen
@@ -255,8 +272,8 @@ class Statements:
     def __init__(self) -> None:
         self.seen: set[tuple[str, int]] = set()
 
-    def watch(self, live: Live) -> None:
-        """Give all functions of the targets code with these calls, in this process; compiled ones count as a whole."""
+    def watch(self, live: Live, files: Sequence[str]) -> None:
+        """Give all functions of some files code with these calls, in this process; compiled ones count as a whole."""
         from dem_bridge.compiled import Kernel
 
         compiled = {kernel.py_func.__code__: kernel.__module__ for kernel in live.kernels}
@@ -265,7 +282,7 @@ class Statements:
             file = str(Path(code.co_filename).relative_to(ROOT))
             lines[name].update((file, line) for *_, line in code.co_lines() if line)
         noted: dict[CodeType, CodeType] = {}
-        for file in [each for each in targets() if _module(each) in sys.modules]:
+        for file in [each for each in files if _module(each) in sys.modules]:
             text = (ROOT / file).read_text(encoding="utf-8")
             tree = ast.parse(text)
             _insert_notes(tree, file, inside=False)

@@ -1,17 +1,19 @@
 """Plant small faults in the package one at a time, and count those that no test catches.
 
-    make mutate                          # 300 faults of a seeded sample
+    make mutate                          # 300 faults of a seeded sample of the group "numerics"
+    make mutate ARGS="--group services --count 200"  # 200 of ensembles, exports, planning, campaigns, figures ...
     make mutate ARGS="--count 60"        # the first 60 of them
     make mutate ARGS="--again 17"        # one of them, with what the tests print
     make mutate ARGS="--part judging --file judging/order.py --count 9999 --folder reports/latest/one"  # one file
 
 A fault is one change of an operator, a comparison, a constant or a choice, as mutmut and cosmic-ray plant them, in the
-modules of ``PARTS``. No file is changed: the tests are collected once, and a forked process for each fault gives the
-functions of the module their changed code. It runs those of ``TESTS`` that execute the changed line, the quickest
-first, up to the first failure; slow tests are left out. Which lines a test executes is measured once and kept in
-``reports/latest/mutants-lines.json``; a file of tests that has changed since is measured again. A line that no test
-executes is "not covered". Results are added to ``reports/latest/mutants.jsonl``, so that an interrupted count goes on;
-``--fresh`` begins anew.
+modules of a group of parts (``GROUPS`` of faults.py). No file is changed: the tests are collected once, and a forked
+process for each fault gives the functions of the module their changed code. It runs those of ``TESTS`` that execute the
+changed line, the quickest first, up to the first failure; slow tests are left out. Which lines a test executes is
+measured once and kept in ``mutants-lines.json``; a file of tests that has changed since is measured again. A line that
+no test executes is "not covered", and so is one that only other processes execute, such as workers of a campaign.
+Results are added to ``mutants.jsonl``, so that an interrupted count goes on; ``--fresh`` begins anew. Both files are in
+``reports/latest``, those of other groups than the first in a folder there.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from faults import INTERPRETED, PARTS, ROOT, Live, Mutant, Statements, lines_of, plant, sample, targets
+from faults import GROUPS, INTERPRETED, ROOT, Live, Mutant, Statements, lines_of, plant, sample, targets
 
 #: tests of each part beside its examples; what others catch by chance does not count
 TESTS = {
@@ -44,21 +46,28 @@ TESTS = {
     "lmp/deck.py": ("tests/lmp/test_deck.py",),
     "uncertainty": ("tests/uncertainty",),
     "judging": ("tests/judging",),
+    "ensembles": ("tests/ensembles",),
+    "exports": ("tests/exports",),
+    "planning": ("tests/planning",),
+    "campaign": ("tests/campaign",),
+    "measurement": ("tests/measurement",),
+    "figures": ("tests/report", "tests/test_plot.py"),
+    "keys": ("tests/runs", "tests/campaign/test_cluster.py"),
 }
 #: answers for a fault that no test catches
 SURVIVES = ("none", "not covered")
-#: s of CPU beyond five times the usual time, for kernels to be compiled, s of wall time, bytes: a fault that needs more
-#: is caught by the limit
-CPU, WALL, MEMORY = 60, 3600.0, 16 * 2**30
+#: s of CPU beyond five times the usual time, for kernels to be compiled; s of wall time beyond thirty times the usual
+#: CPU time, for a campaign that waits for ever; bytes: a fault that needs more is caught by the limit
+CPU, WALL, MEMORY = 60.0, 120.0, 16 * 2**30
 
 
-def forked(answer_of: Callable[[], str], cpu: float, *, show: bool = False) -> str:
-    """Return what a function answers in a forked process, or which limit it passed."""
+def forked(answer_of: Callable[[], str], usual: float, *, show: bool = False) -> str:
+    """Return what a function answers in a forked process, or which limit it passed; ``usual``: its time, s of CPU."""
     receive, send = os.pipe()
     child = os.fork()
     if child == 0:
         os.setsid()
-        resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(cpu),) * 2)
+        resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(CPU + 5.0 * usual),) * 2)
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         if not show:
             with open(os.devnull, "w") as nothing:
@@ -71,7 +80,7 @@ def forked(answer_of: Callable[[], str], cpu: float, *, show: bool = False) -> s
         os.write(send, answer.encode())
         os._exit(0)
     os.close(send)
-    ready, _, _ = select.select([receive], [], [], WALL)
+    ready, _, _ = select.select([receive], [], [], WALL + 30.0 * usual)
     answer = os.read(receive, 4096).decode() if ready else ""
     os.close(receive)
     with contextlib.suppress(ProcessLookupError):
@@ -135,7 +144,7 @@ class Count:
     def measure_lines(self) -> None:
         """Read or measure which lines each test executes, and how long it takes."""
         kept = json.loads(self.lines.read_text("utf-8")) if self.lines.exists() else {}
-        package = _digest(*targets())
+        package = _digest(*targets(self.options.group))
         tests = kept.get("tests", {}) if kept.get("package") == package else {}
         files = {name.split("::")[0] for name in (*tests, *self.items)}
         digests = {file: _digest(file) for file in files if (ROOT / file).exists()}
@@ -145,7 +154,7 @@ class Count:
             print(f"{len(missing)} tests are run to see which lines they execute", flush=True)
 
             def trace() -> str:
-                self.statements.watch(self.live)
+                self.statements.watch(self.live, targets(self.options.group))
                 written = time.monotonic()
                 for item, following in zip(missing, [*missing[1:], None], strict=True):
                     digest = {"digest": digests[item.nodeid.split("::")[0]]}
@@ -156,7 +165,7 @@ class Count:
                 return "ready"
 
             self.options.folder.mkdir(parents=True, exist_ok=True)
-            if (answer := forked(trace, 10 * WALL)) != "ready":
+            if (answer := forked(trace, 3600.0)) != "ready":
                 raise SystemExit(answer)
         self.tests = json.loads(self.lines.read_text("utf-8"))["tests"]
 
@@ -205,12 +214,13 @@ class Count:
                     break
             return self.failed or "none"
 
-        return forked(answer, CPU + 5 * sum(self.tests[name]["s"] for name in names), show=show)
+        return forked(answer, sum(self.tests[name]["s"] for name in names), show=show)
 
     def count(self) -> None:
         """Plant the faults of the sample that have no result yet, and print what came out."""
-        part, wanted = f"dem_bridge/{self.options.file or self.options.part}", self.options.again
-        chosen = sample(self.options.count, self.options.seed, part)
+        options, wanted = self.options, self.options.again
+        files = [f"dem_bridge/{options.file}"] if options.file else targets(options.group, options.part)
+        chosen = sample(options.count, options.seed, options.group, files)
         if wanted is not None:
             print(self.run(chosen[wanted], self.tests_of(chosen[wanted]), show=True))
             return
@@ -240,8 +250,9 @@ class Count:
         for number, entry in survivors.items():
             print(f"{number}: {entry['file']}:{entry['line']} ({entry['caught_by']})")
             print(f"- {entry['before']}\n+ {entry['after']}")
-        for part in ("", *PARTS):
-            numbers = {number for number, entry in entries.items() if entry["file"].startswith(f"dem_bridge/{part}")}
+        for part in ("", *GROUPS[self.options.group]):
+            files = targets(self.options.group, part)
+            numbers = {number for number, entry in entries.items() if entry["file"] in files}
             if numbers:
                 caught = len(numbers - survivors.keys())
                 low, high = interval(caught, len(numbers))
@@ -264,11 +275,10 @@ def main() -> int:
     parser.add_argument("--most", type=float, default=60.0, metavar="S", help="usual time of the tests for one fault")
     parser.add_argument("--again", type=int, metavar="NUMBER", help="run one of the sample and show its tests")
     parser.add_argument("--survivors", action="store_true", help="run those again that no test caught")
-    parser.add_argument("--folder", type=Path, default=ROOT / "reports" / "latest", help="where results are kept")
+    parser.add_argument("--folder", type=Path, help="where results are kept")
     parser.add_argument("--tests", nargs="+", metavar="FILE", help="these tests only; the others are for --survivors")
-    parser.add_argument(
-        "--part", choices=("", *PARTS), default="", help="only the faults of this part, by its own tests"
-    )
+    parser.add_argument("--group", choices=tuple(GROUPS), help="the parts of which the sample is")
+    parser.add_argument("--part", choices=tuple(TESTS), default="", help="only its faults, by its own tests")
     parser.add_argument("--file", default="", metavar="FILE", help="only its faults, such as judging/order.py")
     parser.add_argument("--fresh", action="store_true", help="forget earlier results")
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a fork has one thread
@@ -276,8 +286,16 @@ def main() -> int:
     sys.path.insert(0, str(ROOT))
     words = ["-q", "-s", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", "not slow and not browser and not peers"]
     options = parser.parse_args()
-    parts = [options.part] if options.part else list(PARTS)
-    tests = [*targets(parts), *(options.tests or [test for part in parts for test in TESTS[part]])]
+    first, *_ = GROUPS
+    of_part = next((group for group, parts in GROUPS.items() if options.part in parts), None)
+    if of_part and options.group not in (None, of_part):
+        parser.error(f"--part {options.part} is of the group {of_part}, and --group is {options.group}; leave out one")
+    options.group = of_part or options.group or first
+    latest = ROOT / "reports" / "latest"
+    options.folder = options.folder or (latest if options.group == first else latest / options.group)
+    parts = [options.part] if options.part else list(GROUPS[options.group])
+    chosen = options.tests or dict.fromkeys(test for part in parts for test in TESTS[part])
+    tests = [*targets(options.group, options.part), *chosen]
     return int(pytest.main([*words, *tests], plugins=[Count(options)]))
 
 

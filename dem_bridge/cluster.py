@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from dem_bridge.campaign.identity import identity
 from dem_bridge.errors import UsageError
 from dem_bridge.version import __version__
 
@@ -91,11 +92,3 @@ def _check_workers(client: Any, cluster: str) -> None:
                 f"cluster = {cluster!r}: the worker {worker} has dem_bridge {version} with code {code}; allowed:"
                 f" {here[0]} with code {here[1]}, as here; install the same on all workers"
             )
-
-
-def identity() -> tuple[str, str]:
-    """Return the version of this dem_bridge, and a hash of the code of its runs and campaigns."""
-    from dem_bridge.runs.code import NOT_IN_RUNS, code_of_all, digest
-
-    others = tuple(part for part in NOT_IN_RUNS if part not in ("campaign", "runs"))
-    return __version__, digest({name: text for name, text in code_of_all().items() if not name.startswith(others)})[:12]

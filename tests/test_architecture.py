@@ -81,6 +81,7 @@ SIDEWAYS = {
     ("runs", "observables"): "what is read from runs depends on the observables that are registered",
     ("ensembles", "campaign"): "a sample of an ensemble is checked by other codes",
     ("sweep", "campaign"): "a sweep runs many cases",
+    ("cluster", "campaign"): "workers of a cluster have the code of the campaign",
     ("judging", "studies"): "a judgement has the page of a study",
     ("verification", "campaign"): "a verification lists cases and takes results",
     ("studies", "measurement"): "a study presents the comparison with a measurement",

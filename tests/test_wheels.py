@@ -71,7 +71,7 @@ def test_the_sample_of_faults_is_the_same_every_time_and_changes_one_line_each()
     assert chosen != faults.sample(8, seed=4)
     for number, fault in chosen.items():
         assert fault.before != fault.after
-        assert faults.sample(8, 3, fault.file)[number] == fault
+        assert faults.sample(8, 3, files=[fault.file])[number] == fault
 
 
 #: a number in the source, and what sees it when it is doubled: a function, another module's name for a constant, the

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 import tempfile
 import time
 from collections import deque
@@ -25,7 +24,7 @@ from typing import Generic, TypeVar
 from uuid import uuid4
 
 from dem_bridge.campaign.pool import SLICE, run_in_processes
-from dem_bridge.campaign.tasks import Outcome, Task, Work, broken, perform_all
+from dem_bridge.campaign.tasks import Outcome, Task, Work, broken, packed, perform_all
 from dem_bridge.errors import RunBroken
 from dem_bridge.leftovers import owned
 from dem_bridge.progress import Campaign, stop_requested
@@ -161,7 +160,7 @@ def _shares(executor: Executor, folder: Path) -> bool:
 
 def _submit(executor: Executor, chunk: Sequence[Task]) -> Future[list[Outcome]]:
     try:
-        return executor.submit(perform_all, [pickle.dumps(task) for task in chunk], uuid4().hex)
+        return executor.submit(perform_all, [packed(task) for task in chunk], uuid4().hex)
     except BrokenExecutor:
         raise
     except Exception as error:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import pickle
 import signal
 import sys
 import threading
@@ -16,7 +15,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from types import ModuleType
 
-from dem_bridge.campaign.tasks import Outcome, Task, Work, broken, perform
+from dem_bridge.campaign.tasks import Outcome, Task, Work, broken, packed, perform
 from dem_bridge.errors import RunBroken
 from dem_bridge.kernel_folders import folder_to_write
 from dem_bridge.progress import Campaign, stop_requested
@@ -119,7 +118,7 @@ class _Process:
         self.tasks.extend(tasks)
         self._since = time.monotonic()
         with suppress(OSError):  # it has died, as the next look at it shows
-            self.connection.send([pickle.dumps(task) for task in tasks])
+            self.connection.send([packed(task) for task in tasks])
 
     def has_outcome(self) -> bool:
         """Read what it has sent; False: it has died."""
@@ -183,8 +182,8 @@ def _work(connection: Connection) -> None:
     connection.send(None)
     with suppress(EOFError):
         while True:
-            for packed in connection.recv():
-                connection.send(perform(packed))
+            for task in connection.recv():
+                connection.send(perform(task))
 
 
 def _end(*_: object) -> None:

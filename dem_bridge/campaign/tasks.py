@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
+from dem_bridge.campaign.identity import check_identity, identity
 from dem_bridge.campaign.results import Crashed, Failure, run_case
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.runs.cache import RunCache
@@ -55,6 +56,8 @@ class Task:
     waits: bool = False
     """Another campaign was at the run: its worker waits for it for a while."""
     version: str = __version__
+    code: str = ""
+    """Hash of the code of the campaign, once the task travels."""
 
     @property
     def patience(self) -> float:
@@ -84,18 +87,22 @@ class Outcome:
     """Problem with the store."""
 
 
+def packed(task: Task) -> bytes:
+    """Return a task as it travels to another process, with the version and the code that the process must have."""
+    version, code = identity()
+    return pickle.dumps(replace(task, version=version, code=code))
+
+
 def perform(packed: bytes) -> Outcome:
     """Solve the case of a pickled task; never raises. What a worker does."""
     try:
         task = pickle.loads(packed)
     except Exception as error:
         return Outcome(error=RunBroken(f"a case cannot be read in another process: {type(error).__name__}: {error}"))
-    if task.version != __version__:
-        return Outcome(
-            error=UsageError(
-                f"a worker has dem_bridge {__version__}; allowed: {task.version}, as here; install it on the workers"
-            )
-        )
+    try:
+        check_identity((task.version, task.code))
+    except UsageError as error:
+        return Outcome(error=error)
     return perform_task(task)
 
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Away, Progress, Result, run_cases, workers_of
+from dem_bridge.campaign import Away, Progress, Result, for_workers, run_cases, workers_of
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.result import Ensemble
 from dem_bridge.ensembles.solve import OBSERVABLES, check_solvable, difference, solve_chains, steps_for
@@ -112,11 +112,11 @@ def _blocks(
     RunBroken
         If a block is lost twice.
     """
-    pending, lost = deque(range(len(sizes))), set[int]()
+    pending, lost, solve = deque(range(len(sizes))), set[int](), for_workers(solve_block)
     with ExitStack() as stack:
 
         def submit(nth: int) -> Future[dict[str, Floats]]:
-            return pool.submit(solve_block, variation, nth, sizes[nth], steps, samples)
+            return pool.submit(solve, variation, nth, sizes[nth], steps, samples)
 
         away = Away[int, dict[str, Floats]](submit)
         stack.callback(away.cancel)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dem_bridge.campaign import Progress
+from dem_bridge.campaign import Progress, for_workers
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.run import PILOT, pool_of
 from dem_bridge.ensembles.solve import check_solvable, solve_chains, steps_for
@@ -149,10 +149,11 @@ def _solved(
     progress: Progress | None,
 ) -> Floats:
     """Return the measures of the chains of numbers between 0 and 1, ``(n_measure, n_chain)``."""
+    block = partial(for_workers(_block), variation, measures, steps)
     blocks = [uniform[first : first + BLOCK] for first in range(0, len(uniform), BLOCK)]
     out = []
     with pool_of(executor) as pool:
-        for done, values in enumerate(pool.map(partial(_block, variation, measures, steps), blocks), start=1):
+        for done, values in enumerate(pool.map(block, blocks), start=1):
             out.append(values)
             if progress is not None:
                 progress(done, len(blocks), f"{variation.scene.name}: {len(uniform)} chains")

@@ -13,7 +13,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge import cluster as cluster_module
-from dem_bridge.campaign import run_cases
+from dem_bridge.campaign import identity, run_cases
 from dem_bridge.campaign.executors import workers_of
 from dem_bridge.cluster import connected
 from dem_bridge.errors import UsageError
@@ -100,7 +100,7 @@ def test_the_command_line_takes_a_scheduler_file(cluster: Cluster, tmp_path: Pat
 
 
 def test_a_worker_with_another_version_is_refused(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster_module, "__version__", "9.9")
+    monkeypatch.setattr(identity, "__version__", "9.9")
     with (
         pytest.raises(UsageError, match=r"the worker tcp://\S+ has dem_bridge 0\.\S+ with code \w{12}; allowed: 9\.9"),
         connected(str(cluster.file)),
