@@ -57,7 +57,7 @@ def march(  # type: ignore[no-untyped-def]
     and ``slow`` are for :func:`.touch.touch_defect`; a step of ``step`` seconds, ``steps`` of them. The results are the
     time of the first maximal compression of each contact (s; nan: never), its largest force (N), the largest velocity
     of the body behind the contact until that time (m/s; the first row is that of the wall, and the last body has no
-    such time), ``(n_body + 1, n_lane)`` each. The velocities at the start and after equal numbers of steps are written
+    such time; nan: the velocities are not finite), ``(n_body + 1, n_lane)`` each. The velocities at the start and after equal numbers of steps are written
     to ``kept (n_lane, n_kept, n_body)``, which may be empty.
     """
     places, lanes = mass.shape
@@ -173,6 +173,8 @@ def march(  # type: ignore[no-untyped-def]
             fastest[j] = u[j] if (u[j] > fastest[j]) & open_still else fastest[j]
     if keep > 0:
         _store(kept, steps // keep, u, lanes)
+    for j in range(size - lanes):
+        fastest[j] = fastest[j] if np.isfinite(u[j]) else np.nan
     return np.where(crossing < np.inf, crossing, np.nan), peak, fastest
 
 
@@ -183,7 +185,8 @@ def _correct(j, lanes, impulse, moment, rate, v, u, s):  # type: ignore[no-untyp
         v[i] += sign * impulse * rate[i]
         u[i] += sign * impulse * rate[i]
         shift = sign * moment * rate[i]
-        s[i] += shift
+        if i < len(s):  # the right wall has no contact behind it
+            s[i] += shift
         if i >= lanes:
             s[i - lanes] -= shift
 
