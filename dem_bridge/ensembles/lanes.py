@@ -57,8 +57,8 @@ def march(  # type: ignore[no-untyped-def]
     and ``slow`` are for :func:`.touch.touch_defect`; a step of ``step`` seconds, ``steps`` of them. The results are the
     time of the first maximal compression of each contact (s; nan: never), its largest force (N), the largest velocity
     of the body behind the contact until that time (m/s; the first row is that of the wall, and the last body has no
-    such time; nan: the velocities are not finite), ``(n_body + 1, n_lane)`` each. The velocities at the start and after equal numbers of steps are written
-    to ``kept (n_lane, n_kept, n_body)``, which may be empty.
+    such time; nan: the velocities are not finite), ``(n_body + 1, n_lane)`` each. The velocities at the start and after
+    equal numbers of steps are written to ``kept (n_lane, n_kept, n_body)``, which may be empty.
     """
     places, lanes = mass.shape
     size, stages = places * lanes, len(drifts)
