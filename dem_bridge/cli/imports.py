@@ -21,6 +21,7 @@ def deck(script: Path, output: Path, force: bool, variables: tuple[tuple[str, st
     """Convert SCRIPT, a LAMMPS input script in which every body is a sphere on one line."""
     from dem_bridge.api.scenes import deck_read
     from dem_bridge.lmp.known_defects import known_defects
+    from dem_bridge.lmp.mixing import mixing_warning, stated_release
 
     check_new(output, force)
     read = deck_read(script, variables=dict(variables), **settings)
@@ -28,6 +29,8 @@ def deck(script: Path, output: Path, force: bool, variables: tuple[tuple[str, st
     for defect in (item for item in known_defects() if item.met_by(text)):
         releases = f"LAMMPS {defect.first} to {defect.last or 'the newest release'}"
         click.echo(f"dem-bridge: warning: {script}: with {releases}, it meets the {defect}", err=True)
+    if warning := mixing_warning(read.mixed, stated_release(text)):
+        click.echo(f"dem-bridge: warning: {script}: {warning}", err=True)
     _write_scene(read.scene, output, read.notes, max(read.time_steps, default=0.0))
 
 

@@ -17,6 +17,7 @@ from dem_bridge.errors import DemBridgeError
 from dem_bridge.judging.deck import DeckRun, UserDeck, differences
 from dem_bridge.judging.error import FileErrors
 from dem_bridge.lmp.known_defects import defects_of
+from dem_bridge.lmp.mixing import mixing_warning
 from dem_bridge.lmp.reader.deck import UNITS
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
@@ -173,6 +174,9 @@ def _of_contacts(run: DeckRun) -> Iterator[Limit]:
         yield Limit(
             what=f"known defect {defect.name}", found=defect.symptom, effect=math.nan, advice=f"write {defect.instead}"
         )
+    if run.deck.read is not None and (warning := mixing_warning(run.deck.read.mixed, run.version)):
+        found, advice = warning.split("; write ", 1)
+        yield Limit(what="mixing of types", found=found, effect=math.nan, advice=f"write {advice}")
 
 
 def _of_scene(twins: Twins, run: DeckRun) -> Iterator[Limit]:

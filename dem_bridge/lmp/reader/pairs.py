@@ -21,11 +21,17 @@ from dem_bridge.lmp.reader.script import Command, Script
 #: normal model -> number of its coefficients
 _MODELS = {"hertz": 2, "hooke": 2, "hertz/material": 3, "dmt": 4}
 _GRAN = {"gran/hertz/history": "hertz", "gran/hooke": "hooke", "gran/hooke/history": "hooke"}
-_DAMPINGS = ("none", "velocity", "mass_velocity", "viscoelastic", "coeff_restitution", "tsuji")
+_DAMPINGS = ("velocity", "mass_velocity", "viscoelastic", "coeff_restitution", "tsuji")
 #: dampings whose coefficient is a coefficient of restitution
 _RESTITUTIONS = ("coeff_restitution", "tsuji")
 #: settings after the normal model; only ``damping`` and ``limit_damping`` affect motion along a line
 _SECTIONS = ("tangential", "rolling", "twisting", "heat", "damping", "limit_damping", "synchronized_verlet")
+#: sections whose model ``none`` LAMMPS refuses ("Must specify damping granular model"; 29 Sep 2021 to 22 Jul 2025) ->
+#: words that mean the same
+_INSTEAD_OF_NONE = {
+    "damping": "damping velocity, with the coefficient 0 behind the stiffness",
+    "tangential": "tangential linear_nohistory 0 0",
+}
 _STYLES = f"granular, {', '.join(_GRAN)}"
 _WALLS = f"granular, {', '.join(style.removeprefix('gran/') for style in _GRAN)}"
 _ALLOWED = f"{', '.join(_MODELS)} with tangential, rolling, twisting, limit_damping and damping {', '.join(_DAMPINGS)}"
@@ -119,8 +125,11 @@ class Pairs:
         for at, word in enumerate(behind):
             if word in _SECTIONS:
                 section = word
+                chosen = (*behind[at + 1 : at + 2], "nothing")[0]
+                if chosen == "none" and word in _INSTEAD_OF_NONE:
+                    raise command.error(f"has {word} none, which LAMMPS refuses", _INSTEAD_OF_NONE[word])
                 if word == "damping":
-                    damping = (*behind[at + 1 : at + 2], "nothing")[0]
+                    damping = chosen
             elif not section or word == "cutoff":
                 raise command.error(f"has the setting {word}, which is not supported", _ALLOWED)
         if damping not in _DAMPINGS:
@@ -129,8 +138,6 @@ class Pairs:
         if damping in _RESTITUTIONS and not 0.0 < eta <= 1.0:
             problem = f"has a coefficient of restitution of {eta:g}"
             raise command.error(problem, "a number above 0 and at most 1")
-        if damping == "none":
-            damping, eta = "velocity", 0.0
         stiffness, material = numbers[0], None
         if count > 2:
             if numbers[0] == 0.0 or not -1.0 < numbers[2] <= 0.5:
@@ -154,7 +161,7 @@ class Pairs:
         if left is None or right is None:
             problem = f"leaves types {low} and {high}, which meet, without pair_coeff"
             raise self.command.error(problem, f"pair_coeff {low} {high} or *")
-        return left.mixed(right, self.command)
+        return left.mixed(right, (low, high), self.command)
 
     def _last(self, low: int, high: int) -> PairLaw | None:
         """Return the law of the last line that names both types, low <= high."""

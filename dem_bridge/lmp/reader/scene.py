@@ -52,6 +52,8 @@ class ReadDeck:
     """Sentences about what was recognised and assumed."""
     time_steps: tuple[float, ...] = ()
     """Distinct time steps of the script's runs, s."""
+    mixed: tuple[str, ...] = ()
+    """``pair_coeff`` commands of the pairs of types that the script leaves to mixing and that may touch."""
 
 
 def plain(value: float, within: float) -> float:
@@ -159,7 +161,25 @@ def _read_scene(
     # a script without a run may have a step, too
     last = [] if script.step is None else [script.step]
     steps = tuple(step * time for step in script.time_steps or last)
-    return ReadDeck(scene=scene, notes=tuple(notes), time_steps=steps)
+    return ReadDeck(scene=scene, notes=tuple(notes), time_steps=steps, mixed=_mixed(line, scene))
+
+
+def _mixed(line: Line, scene: Scene) -> tuple[str, ...]:
+    """Return the commands of the mixed laws of a line, without those of bodies that the energy keeps apart."""
+    length, _, mass = UNITS[line.script.units]
+    reach = math.inf
+    if not (scene.gravity or scene.precompression or scene.adhesive):
+        c, speeds = scene.contacts, np.array(scene.velocity)
+        stored = float(np.sum(c.energy(np.maximum(-c.gap, 0.0), np.arange(scene.n_contact))))
+        # times the square root of the mass
+        reach = math.sqrt(2.0 * stored + float(np.array(scene.mass) @ speeds**2)) * scene.duration
+    commands = [
+        contact.law.mixed_as
+        for contact in line.contacts
+        if contact.law.mixed_as
+        and contact.gap * length <= sum(reach / math.sqrt(body.mass * mass) for body in contact.bodies)
+    ]
+    return tuple(dict.fromkeys(commands))
 
 
 def scene_name(file: str) -> str:
