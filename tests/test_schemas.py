@@ -51,8 +51,8 @@ def test_a_scene_file_may_name_its_schema_and_a_newer_one_is_refused() -> None:
 def test_a_newer_baseline_and_a_newer_regression_are_refused(tmp_path: Path) -> None:
     source = next((ROOT / "reports" / "baselines").glob("*.json"))
     newer = tmp_path / source.name
-    newer.write_text(source.read_text(encoding="utf-8").replace("baseline/1", "baseline/2", 1), encoding="utf-8")
-    with pytest.raises(UsageError, match=rf"schema = 'dem-bridge/baseline/2'; .*; {UPDATE}"):
+    newer.write_text(source.read_text(encoding="utf-8").replace("baseline/1", "baseline/3", 1), encoding="utf-8")
+    with pytest.raises(UsageError, match=rf"schema = 'dem-bridge/baseline/3'; .*; {UPDATE}"):
         read_baseline(newer)
     with pytest.raises(UsageError, match=rf"before.json: schema = 'dem-bridge/regression/2'; .*; {UPDATE}"):
         with_since(None, {"schema": "dem-bridge/regression/2"}, "before.json")  # type: ignore[arg-type]

@@ -1,6 +1,6 @@
 """Many cases on all cores or on a cluster: cases in, trajectories or the reasons why there are none out, in order."""
 
-from dem_bridge.campaign.executors import Away, Jobs, map_in_threads, workers_of
+from dem_bridge.campaign.executors import Away, Jobs, fingerprint_of, map_in_threads, workers_of
 from dem_bridge.campaign.identity import for_workers
 from dem_bridge.campaign.results import Crashed, Progress, Result, run_case
 from dem_bridge.campaign.run import jobs_of, run_cases, run_groups
@@ -11,6 +11,7 @@ __all__ = [
     "Jobs",
     "Progress",
     "Result",
+    "fingerprint_of",
     "for_workers",
     "jobs_of",
     "map_in_threads",

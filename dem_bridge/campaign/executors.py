@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -28,6 +28,7 @@ from dem_bridge.campaign.tasks import Outcome, Task, Work, broken, packed, perfo
 from dem_bridge.errors import RunBroken
 from dem_bridge.leftovers import owned
 from dem_bridge.progress import Campaign, stop_requested
+from dem_bridge.runs.digits import fingerprint
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -35,6 +36,8 @@ Value = TypeVar("Value")
 Jobs = int | Executor | None
 #: workers of an executor that does not tell their number
 _WORKERS = 16
+#: s in which a worker says which digits it computes
+_ANSWER = 60.0
 #: chunks that an executor has at a time: enough for a cluster to see how many workers are needed
 _MOST_AWAY = 1000
 
@@ -144,6 +147,19 @@ def workers_of(executor: Executor) -> int:
     if (client := getattr(executor, "_client", None)) is not None:  # of Dask
         return sum(client.nthreads().values()) or _WORKERS
     return int(getattr(executor, "_max_workers", None) or _WORKERS)
+
+
+def fingerprint_of(executor: Executor) -> str:
+    """Return the fingerprint of the workers of an executor, of several the most common; '' if there is no answer."""
+    try:
+        if (client := getattr(executor, "_client", None)) is not None:  # of Dask
+            answers = list(client.run(fingerprint).values())
+        else:
+            future = executor.submit(fingerprint)
+            answers = [future.result(timeout=_ANSWER)]
+    except Exception:  # of a worker that cannot do anything: that shows where cases are run
+        return ""
+    return Counter(answers).most_common(1)[0][0] if answers else ""
 
 
 def _shares(executor: Executor, folder: Path) -> bool:

@@ -16,7 +16,7 @@ from dataclasses import replace
 from functools import partial
 
 from dem_bridge.backends.base import Sampling
-from dem_bridge.campaign.executors import Jobs, run_by_executor
+from dem_bridge.campaign.executors import Jobs, fingerprint_of, run_by_executor
 from dem_bridge.campaign.pool import run_in_processes
 from dem_bridge.campaign.results import Progress, Result, run_case
 from dem_bridge.campaign.tasks import Outcome, Task, claim_of, is_stored, perform_task, with_run
@@ -25,6 +25,7 @@ from dem_bridge.leftovers import sweep_temporary
 from dem_bridge.progress import Campaign, Interrupted, campaign, listening, stop_requested
 from dem_bridge.runs.cache import RunCache, load_run
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.digits import fingerprint, made_at
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import UNKNOWN
@@ -87,7 +88,20 @@ def run_cases(
                     " allowed: laws that are functions of a module, or jobs = 1"
                 )
     sweep_temporary()
-    cache = cache or RunCache(store)
+    place = fingerprint_of(jobs) if isinstance(jobs, Executor) and store is not None else ""
+    with made_at(place):
+        return _run_planned(cases, jobs, progress, store, everything, cache or RunCache(store))
+
+
+def _run_planned(
+    cases: Sequence[Case],
+    jobs: Jobs,
+    progress: Progress | None,
+    store: Store | None,
+    everything: bool,
+    cache: RunCache,
+) -> tuple[Result, ...]:
+    """Run all cases; keys are those of the place where runs are planned to be made."""
     # a case without a name is like no other
     names = [_name(case) or str(number) for number, case in enumerate(cases)]
     results: dict[str, Result] = {}
@@ -111,9 +125,13 @@ def run_cases(
         if progress is not None:
             progress(len(cases) * (1.0 - (sum(remaining.values()) - part) / whole), len(cases), label)
 
-    def stored(result: Result) -> Result:
-        # the key again, for an engine may have become another meanwhile
-        if store is None or (key := result.case.key) is None or key != keys[result.case]:
+    def stored(result: Result, made: str | None, digits: str) -> Result:
+        """Store a result under ``made``, its key where it was made, unless the engine is or has become another."""
+        if store is None or made is None or result.case.key != keys[result.case]:
+            return result
+        with made_at(digits):
+            key = result.case.key
+        if key is None or key != made:
             return result
         if result.trajectory is None:
             return replace(result, key=f"{key}: {result.failure}")
@@ -126,7 +144,7 @@ def run_cases(
             name=name,
             case=case,
             everything=everything,
-            key=keys[case],
+            key=None if store is None else keys[case],
             folder=None if store is None else store.folder,
             limit=0 if store is None else store.limit,
             shared=name in shared,
@@ -149,7 +167,9 @@ def run_cases(
                     cache.keep(task.case, replace(result.trajectory, uncertainty=UNKNOWN))
             if store is not None:
                 store.trouble = store.trouble or outcome.trouble
-            results[task.name] = replace(result, key=task.key) if outcome.kept else stored(result)
+            results[task.name] = (
+                replace(result, key=task.key) if outcome.kept else stored(result, outcome.key, outcome.digits)
+            )
             say(task.case.label)
             state.update(done=1, failures=isinstance(result.failure, RunBroken))
     if remaining:  # only where a stop is requested
@@ -160,7 +180,9 @@ def run_cases(
             continue
         failed = [results[part] for part in map(_name, parts[name] or ()) if part in todo and results[part].failure]
         result = failed[0] if failed else run_case(case, everything=everything, cache=cache)
-        results[name] = stored(replace(result, case=case))
+        # it is made of runs of the place that was planned, and stored if this is that place
+        digits = fingerprint() if store is not None else ""
+        results[name] = stored(replace(result, case=case), keys[case], digits)
     if progress is not None:
         progress(len(cases), len(cases), "")
     return tuple(_as_of(case, results[name]) for case, name in zip(cases, names, strict=True))

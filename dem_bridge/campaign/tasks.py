@@ -21,6 +21,7 @@ from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.claims import claimed, wait_for_release
+from dem_bridge.runs.digits import fingerprint, made_at
 from dem_bridge.runs.store import Store
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.version import __version__
@@ -81,6 +82,10 @@ class Outcome:
     """The run is in the store, and not here."""
     claimed: bool = False
     """Another campaign is at the run, and it was not made."""
+    key: str | None = None
+    """Key of the run where it was made; None: it cannot be stored."""
+    digits: str = ""
+    """Fingerprint of the place where the run was made."""
     cache: RunCache | None = None
     """Runs and families that others need."""
     trouble: str = ""
@@ -122,12 +127,14 @@ def _perform(task: Task) -> Outcome:
         return Outcome(error=_portable(error))
     shared = cache if task.shared else None
     # the key again, for an engine may have become another meanwhile, and another machine has other keys
-    run, key = result.trajectory, task.case.key if task.folder is not None and task.key is not None else None
+    with made_at(""):
+        run, key = result.trajectory, task.case.key if task.key is not None else None
     if run is None or task.folder is None or key is None or key != task.key:
-        return Outcome(trajectory=run, failure=result.failure, cache=shared)
+        digits = "" if key is None else fingerprint()
+        return Outcome(trajectory=run, failure=result.failure, cache=shared, key=key, digits=digits)
     store = _store(task.folder, task.limit)
     if not store.save(key, run):
-        return Outcome(trajectory=run, cache=shared, trouble=store.trouble)
+        return Outcome(trajectory=run, cache=shared, trouble=store.trouble, key=key, digits=fingerprint())
     cache.runs.pop(replace(task.case, uncertainty=False), None)
     return Outcome(kept=True, cache=shared, trouble=store.trouble)
 

@@ -26,12 +26,15 @@ from dem_bridge.trajectory import Cost, Floats, Trajectory, Uncertainty
 from dem_bridge.verification.verdict import plain
 from dem_bridge.version import schema_fault
 
-SCHEMA = "dem-bridge/baseline/1"
+SCHEMA = "dem-bridge/baseline/2"
+#: the first has no fingerprint of the last digits of its machine
+_FIRST = "dem-bridge/baseline/1"
 #: quantities of a run in a baseline
 QUANTITIES = ("velocity", "peak_force", "crossing_time")
 #: the data: form of a file and of its entries of accuracy; an entry is an object with these keys, a list of one form, a
 #: number, text or an object (or null), or any of them
 _FORM = json.loads(Path(__file__).with_name("baseline_form.json").read_text(encoding="utf-8"))
+_FIRST_FORM = _FORM["file"] | {"birth": {key: form for key, form in _FORM["file"]["birth"].items() if key != "digits"}}
 LARGEST_DOUBLE = float(np.finfo(float).max)
 _UNKNOWN = Cost(wall=math.nan, cpu=math.nan, steps=0, force_evaluations=0)
 
@@ -80,7 +83,8 @@ class Baseline:
     backend: str
     """Name of the backend."""
     provenance: Mapping[str, Any]
-    """date, package (its version), scene_hash, source, deck_hash, lammps, versions, machine, solved_with."""
+    """date, package (its version), scene_hash, source, deck_hash, lammps, versions, machine, solved_with; digits (the
+    fingerprint of its place) but in files of the first schema."""
     dt: float | None
     """Upper bound of the time step, s; None if the backend has no fixed step."""
     tolerance: float
@@ -109,7 +113,7 @@ class Baseline:
         """Return the baseline as JSON with a line for each body and contact."""
         run, uncertainty = self.run, self.run.uncertainty
         head = {
-            "schema": SCHEMA,
+            "schema": SCHEMA if "digits" in self.provenance else _FIRST,
             "scene": self.scene,
             "backend": self.backend,
             "birth": dict(self.provenance),
@@ -166,10 +170,10 @@ def baseline_of_text(text: str) -> Baseline:
         raise
     except (ValueError, RecursionError) as error:  # also a number of thousands of digits, or thousands of brackets
         raise _InvalidBaseline(f"the file is not JSON or is truncated: {error}") from error
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+    if not isinstance(document, dict) or document.get("schema") not in (_FIRST, SCHEMA):
         schema = document.get("schema") if isinstance(document, dict) else None
-        raise _InvalidBaseline(schema_fault(schema, SCHEMA))
-    _check("", document, _FORM["file"])
+        raise _InvalidBaseline(schema_fault(schema, _FIRST, SCHEMA))
+    _check("", document, _FORM["file"] if document["schema"] == SCHEMA else _FIRST_FORM)
     entries = document["accuracy"] if isinstance(document["accuracy"], dict) else {}
     _check("accuracy", document["accuracy"], dict.fromkeys(entries, _FORM["entry of accuracy"]))
     try:

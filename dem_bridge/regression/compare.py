@@ -17,6 +17,7 @@ import numpy as np
 from dem_bridge.differences import difference
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.regression.baseline import QUANTITIES, Accuracy, Baseline
+from dem_bridge.runs.digits import planned_fingerprint
 from dem_bridge.trajectory import Floats, Trajectory, own_scale
 from dem_bridge.verification.verdict import Outcome, judge_relative
 
@@ -143,7 +144,7 @@ def compare(baseline: Baseline, run: Trajectory, *, reference: Trajectory | None
     same = all(np.array_equal(getattr(earlier, name), getattr(run, name), equal_nan=True) for name in QUANTITIES)
     change = Change.CHANGED if departures or other_scene else Change.SAME
     if departures:
-        text = departures[0].sentence
+        text = departures[0].sentence + _machines(baseline)
     elif other_scene:
         text = "the scene differs from that of the baseline, but every value is within same_within"
     elif same:
@@ -273,6 +274,19 @@ def _departure(
     )
 
 
+def _machines(baseline: Baseline) -> str:
+    """Return the end of a sentence that states that a difference may be one of machines; '' if it cannot be."""
+    then, now = baseline.provenance.get("digits"), planned_fingerprint()
+    if then is None:
+        return "; the baseline does not state the last digits of its machine, so the difference may be that of machines"
+    if then == now:
+        return ""
+    return (
+        f"; the baseline is of a machine with other last digits (fingerprint {then[:8]}, here {now[:8]}), so the"
+        " difference may be that of the machines"
+    )
+
+
 def _notes(baseline: Baseline, run: Trajectory) -> list[str]:
     """Return the changes of scene, deck, versions and machine since the baseline."""
     then, now, notes = baseline.provenance, run.provenance, list[str]()
@@ -290,4 +304,6 @@ def _notes(baseline: Baseline, run: Trajectory) -> list[str]:
         *((name, then["versions"].get(name), version) for name, version in now["versions"].items()),
         ("machine", then["machine"], now["machine"]),
     ]
+    if then.get("digits") is not None:
+        changes.append(("last digits", then["digits"][:8], planned_fingerprint()[:8]))
     return notes + [f"{name} {before} -> {after}" for name, before, after in changes if before != after]

@@ -20,6 +20,7 @@ from dem_bridge.backends.twin import solve_plan
 from dem_bridge.regression.baseline import QUANTITIES, Baseline, RoundoffTolerance
 from dem_bridge.regression.compare import assess
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.digits import planned_fingerprint
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory, own_scale
 from dem_bridge.uncertainty.fixed_step import REALISATIONS, last_digit
@@ -44,6 +45,7 @@ def baseline_of(
         "lammps": None if lammps is None else {key: lammps[key] for key in ("version", "packages", "build", "run_by")},
         "versions": dict(origin["versions"]),
         "machine": origin["machine"],
+        "digits": planned_fingerprint(),
         "solved_with": dict(origin["settings"]),
     }
     return Baseline(

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend, supports_of
-from dem_bridge.campaign import Jobs, Progress, Result, run_cases
+from dem_bridge.campaign import Jobs, Progress, Result, fingerprint_of, run_cases
 from dem_bridge.errors import BackendUnavailable, RunBroken, SceneError, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_between
@@ -20,6 +21,7 @@ from dem_bridge.regression.baseline import Baseline, read_baseline
 from dem_bridge.regression.compare import Change, Comparison, accuracy_words, assess, compare
 from dem_bridge.regression.provenance import baseline_of
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.digits import made_at
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.trajectory import Trajectory
@@ -251,6 +253,7 @@ def regress_scenes(
     cases += [task.reference for task in tasks]
     results = run_cases(cases, jobs=jobs, progress=progress, everything=True)
     texts: dict[str, str] = {}
+    place = fingerprint_of(jobs) if isinstance(jobs, Executor) else ""
     for task, result, answer in zip(tasks, results[: len(tasks)], results[len(tasks) :], strict=True):
         run = result.trajectory
         if run is None:
@@ -258,15 +261,18 @@ def regress_scenes(
             continue
         is_reference = task.case.backend == REFERENCE
         reference = None if is_reference else answer.trajectory
-        comparison = task.compare(run, reference)
+        with made_at(place):
+            comparison = task.compare(run, reference)
         changed = comparison.change is Change.CHANGED or (selection.update and comparison.change is Change.NEW)
         if changed and is_reference and assign_roles(task.case.scene).solver != SECOND:
             [second] = run_cases([replace(task.reference, backend=SECOND)], jobs=1, everything=True)
             reference = second.trajectory
-            comparison = task.compare(run, reference)
+            with made_at(place):
+                comparison = task.compare(run, reference)
         comparisons.append(comparison)
         if selection.update and changed:
-            baseline = task.baseline_of(run, reference)
+            with made_at(place):
+                baseline = task.baseline_of(run, reference)
             texts[baseline.file_name] = baseline.text()
     # in the order of the backends; one that no longer exists is last
     comparisons.sort(key=lambda entry: (entry.scene, [*BACKENDS, entry.backend].index(entry.backend)))

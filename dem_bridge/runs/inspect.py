@@ -22,6 +22,7 @@ _PARTS = {
     "engine": "LAMMPS",
     "code": "the code",
     "versions": "versions",
+    "digits": "the last digits of the machine",
     "machine": "the processor or the C library",
     "variables": "environment variables",
     "schema": "the format of the store",

@@ -4,10 +4,10 @@ scene     content hash, which does not have the name, and spacing, which radii i
 settings  backend, every field of Resolution, Sampling, with or without uncertainty
 code      versions of Python, dem_bridge and the libraries that compute, and the text of the modules of this package
           that the numbers of this backend pass through (:mod:`.code`)
-machine   processor with its instruction set, C library, variables that change what is loaded or compiled: last digits
-          depend on them
-LAMMPS    path, arguments, ranks, versions, size and time of its files, so that a new build is another key; with the
-          name and description of the scene, which are in a deck and so in its hash
+digits    fingerprint of the last digits of the place where the run is made (:mod:`.digits`)
+LAMMPS    path, arguments, ranks, versions, size and time of its files, so that a new build is another key; processor
+          and C library, and variables that change which libraries and how many threads it loads; with the name and
+          description of the scene, which are in a deck and so in its hash
 
 Scenes with laws that are functions have no key and are always run, for their hash knows these at 61 overlaps to 12
 digits; so has an engine that would have to be started to be identified, such as a script.
@@ -21,7 +21,6 @@ import json
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +28,12 @@ from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, vers
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.code import code_of_run, code_of_studies, digest
+from dem_bridge.runs.digits import planned_fingerprint, processor
 from dem_bridge.scene import Scene
 
-SCHEMA = "dem-bridge/store/3"
-_VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "NUMBA_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_DISABLE_JIT", "NUMBA_OPT",
-              "OMP_NUM_THREADS", "PYTHONPATH")  # fmt: skip
-_CPU = ("vendor_id", "cpu family", "model", "model name", "flags", "CPU implementer", "CPU part", "Features")
+SCHEMA = "dem-bridge/store/4"
+#: variables that change what a LAMMPS loads, and how many threads it uses
+_VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "OMP_NUM_THREADS", "PYTHONPATH")
 #: kind of a run that was made without its uncertainty
 _WITHOUT = "run without uncertainty"
 #: key -> what determined it, and the code by file, of the latest keys of this process: entries keep it, so that
@@ -145,19 +144,15 @@ def _determined_by(
         "parts": parts,
         "engine": of_engine,
         "versions": versions_of("dem-bridge", "numpy", "scipy", "numba", "llvmlite", "ase"),
-        "machine": _machine(),
-        "variables": {name: os.environ.get(name) for name in _VARIABLES},
+        "digits": planned_fingerprint(),
+        "machine": None if of_engine is None else _machine(),
+        "variables": None if of_engine is None else {name: os.environ.get(name) for name in _VARIABLES},
     }
 
 
-@cache
 def _machine() -> list[str]:
-    """Return what the last digits of a result depend on: processor, instruction set, C library."""
-    with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
-        first = file.read(16_384).split("\n\n")[0]
-    about = dict(line.partition(":")[::2] for line in first.split("\n"))
-    cpu = {name.strip(): value.strip() for name, value in about.items()}
-    return [platform.machine(), *platform.libc_ver(), *(cpu.get(name, "") for name in _CPU)]
+    """Return the processor and the C library, between whose variants a LAMMPS may choose."""
+    return [platform.machine(), *platform.libc_ver(), *processor()]
 
 
 def _engine(engine: Engine) -> dict[str, object] | None:

@@ -103,7 +103,7 @@ def _swap_velocities(told: dict[str, Any]) -> None:
 
 
 REFUSED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
-    "another schema": (lambda t: t.update(schema="dem-bridge/baseline/2"), "schema = 'dem-bridge/baseline/2'"),
+    "another schema": (lambda t: t.update(schema="dem-bridge/baseline/3"), "schema = 'dem-bridge/baseline/3'"),
     "unknown key": (lambda t: t.update(remark="mine"), "remark is unknown"),
     "unknown key within": (lambda t: t["settings"].update(rtol=1e-9), "settings.rtol is unknown"),
     "key left out": (lambda t: t.pop("digests"), "digests is missing"),

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.regression.baseline import Accuracy, Baseline
+from dem_bridge.regression.baseline import Accuracy, Baseline, baseline_of_text
 from dem_bridge.regression.compare import Change, compare, worst_outcome
+from dem_bridge.runs.digits import made_at
 from dem_bridge.trajectory import Trajectory
-from tests.regression.test_baseline import small
+from tests.regression.test_baseline import PROVENANCE, small
 
 
 def as_run(baseline: Baseline, **changes: Any) -> Trajectory:
@@ -42,6 +43,30 @@ def test_a_changed_velocity_is_found_at_its_time_and_body(row: int, body: int) -
     assert found.quantity == "velocity"
     assert (found.time, found.body) == (small().run.time[row], body if row < 4 else 2)
     assert found.largest_difference == pytest.approx(1e-6 / np.max(np.abs(small().run.velocity)), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("fingerprint", "text"),
+    [
+        (None, "; the baseline does not state the last digits of its machine, so the difference may be that of"
+         " machines"),
+        ("1" * 40, ""),
+        ("2" * 40, "; the baseline is of a machine with other last digits (fingerprint 22222222, here 11111111), so the"
+         " difference may be that of the machines"),
+    ],
+)  # fmt: skip
+def test_a_difference_from_another_machine_is_said_to_be_one(fingerprint: str | None, text: str) -> None:
+    provenance = {**PROVENANCE, **({} if fingerprint is None else {"digits": fingerprint})}
+    baseline = small(provenance=provenance)
+    assert baseline_of_text(baseline.text()).provenance == provenance
+    with made_at("1" * 40):
+        [same, changed] = [
+            compare(baseline, as_run(baseline, velocity=factor * baseline.run.velocity)) for factor in (1.0, 1.0 + 1e-9)
+        ]
+    assert (same.change, changed.change) == (Change.SAME, Change.CHANGED)
+    assert "machine" not in same.sentence
+    assert changed.sentence == f"{changed.departures[0].sentence}{text}."
+    assert ("last digits 22222222 -> 11111111" in same.notes) is (fingerprint == "2" * 40)
 
 
 def test_what_differs_by_less_than_same_within_is_the_same_but_not_bit_for_bit() -> None:

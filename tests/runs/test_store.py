@@ -271,20 +271,25 @@ def test_another_version_is_another_key(package: str, monkeypatch: pytest.Monkey
     assert _key() != before
 
 
-@pytest.mark.parametrize("what", ["_machine", "digest"])
-def test_another_machine_or_code_is_another_key(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("what", ["planned_fingerprint", "digest"])
+def test_other_digits_or_other_code_is_another_key(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before = _key(), study_key("scatter", [SCENE])
     monkeypatch.setattr(keys, what, lambda *_: "another")
     assert not {_key(), study_key("scatter", [SCENE])} & set(before)
 
 
-@pytest.mark.parametrize("variable", ["NUMBA_DISABLE_JIT", "LD_PRELOAD"])
-def test_a_variable_that_changes_what_is_compiled_or_loaded_is_another_key(
-    variable: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    before = _key()
-    monkeypatch.setenv(variable, "1")
-    assert _key() != before
+def test_a_variable_is_part_of_no_key_but_that_of_a_lammps(monkeypatch: pytest.MonkeyPatch) -> None:
+    engine = Engine(lmp=Path(sys.executable).resolve())
+    before, of_lammps = _key(), _key(backend="lammps-granular", engine=engine)
+    for variable in ("LD_PRELOAD", "LD_LIBRARY_PATH", "OMP_NUM_THREADS", "NUMBA_OPT", "UNRELATED"):
+        with monkeypatch.context() as patch:
+            patch.setenv(variable, "7")
+            assert _key() == before
+            known = not variable.startswith(("NUMBA", "UNRELATED"))
+            assert (_key(backend="lammps-granular", engine=engine) != of_lammps) is known, variable
+    monkeypatch.setattr(keys, "_machine", lambda: ["another processor"])
+    assert _key() == before
+    assert _key(backend="lammps-granular", engine=engine) != of_lammps
 
 
 def test_a_law_that_is_a_function_has_no_key() -> None:
