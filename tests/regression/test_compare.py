@@ -57,7 +57,7 @@ def test_a_changed_velocity_is_found_at_its_time_and_body(row: int, body: int) -
 )  # fmt: skip
 def test_a_difference_from_another_machine_is_said_to_be_one(fingerprint: str | None, text: str) -> None:
     provenance = {**PROVENANCE, **({} if fingerprint is None else {"digits": fingerprint})}
-    baseline = small(provenance=provenance)
+    baseline = replace(small(), provenance=provenance)
     assert baseline_of_text(baseline.text()).provenance == provenance
     with made_at("1" * 40):
         [same, changed] = [
