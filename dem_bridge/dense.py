@@ -152,8 +152,8 @@ def extremes(
     peak_force = np.max(force, axis=0)
     touching = np.maximum(overlap[:-1], overlap[1:]) > resolution
     moved = np.maximum(np.abs(acceleration[:-1]), np.abs(acceleration[1:])) >= resting
-    turning = (rate[:-1] > 0.0) & (rate[1:] <= 0.0) & touching & moved
-    rows, contacts = np.nonzero(turning)
+    turning = may_turn.py_func(rate[:-1], rate[1:], acceleration[:-1], acceleration[1:], np.diff(time)[:, None])
+    rows, contacts = np.nonzero(turning & touching & moved)
     turns = Turns(
         contacts,
         time[rows],
@@ -164,7 +164,10 @@ def extremes(
 
 
 class Turns(NamedTuple):
-    """Turns of contacts from closing to opening: the dense samples before and after each, in the order of time."""
+    """Possible turns of contacts from closing to opening: the dense samples before and after each, in order of time.
+
+    Between two samples of one sign of the closing rate a contact may or may not turn, see :func:`may_turn`.
+    """
 
     contact: NDArray[np.int64]
     """Index of the contact, (n_turn,)."""
@@ -223,47 +226,13 @@ def at_turns(
     return peak_force, crossing
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Approaches:
-    """Turns of open contacts and their smallest separations, arrays ``(n_turn,)``."""
-
-    contact: NDArray[np.int64]
-    """Index of the contact."""
-    time: Floats
-    """Time of the turn, s."""
-    overlap: Floats
-    """Overlap at the turn, m; > 0 if the bodies touched between two samples without any force in the run."""
-    bend: Floats
-    """Acceleration of opening at the turn, m/s^2, > 0."""
-
-
-def approaches(*, time: NDArray[np.floating[Any]], overlap: Floats, rate: Floats, acceleration: Floats) -> Approaches:
-    """Return the turns from closing to opening between two samples at which the contact is open.
-
-    The parameters are those of :func:`extremes`.
-
-    Examples
-    --------
-    Two bodies that turn at a distance of 1e-9 m, with samples every millisecond:
-
-    >>> t = np.array([[0.0], [1e-3]])
-    >>> motion = {"overlap": -1e-9 - 0.5 * (t - 4e-4) ** 2, "rate": 4e-4 - t, "acceleration": 0.0 * t - 1.0}
-    >>> [f"{values[0]:.6g}" for values in vars(approaches(time=t[:, 0], **motion)).values()]
-    ['0', '0.0004', '-1e-09', '1']
-    """
-    rows, contacts = np.nonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0) & (overlap[:-1] <= 0.0) & (overlap[1:] <= 0.0))
-    width = np.asarray(time[rows + 1] - time[rows], dtype=np.float64)
-    series = (overlap, rate, acceleration)
-    value, slope, curve = (np.stack((data[rows, contacts], data[rows + 1, contacts])) for data in series)
-    fraction, top = _turn(value, slope, curve, width)
-    when = np.asarray(time[rows] + fraction * width, dtype=np.float64)
-    return Approaches(contact=contacts, time=when, overlap=top, bend=np.max(-curve, axis=0))
-
-
 def _turn(overlap: Floats, rate: Floats, acceleration: Floats, width: Floats) -> tuple[Floats, Floats]:
-    """Return where between two samples the quintic polynomial of each overlap turns, 0 to 1, and its value there."""
-    polynomial = _quintic(overlap, rate, acceleration, width)
-    fraction: Floats = _turning_point(polynomial)
+    """Return where between two samples the quintic polynomial of each overlap first turns, 0 to 1, and its value there.
+
+    Both are nan where it does not turn.
+    """
+    polynomial = quintics(overlap, rate, acceleration, width)
+    fraction: Floats = first_turns(polynomial, rate[1] * width)
     top = np.zeros_like(fraction)
     for coefficient in polynomial[::-1]:
         top = top * fraction + coefficient
@@ -308,7 +277,7 @@ def damped_peaks(
         closed = (delta[:-1] > 0.0) & (delta[1:] > 0.0)
         rows = np.flatnonzero(closed & (np.maximum(series[:-1], series[1:]) > 0.8 * peaks[k]))
         value, slope, curve = (np.stack((data[rows, k], data[rows + 1, k])) for data in (overlap, rate, acceleration))
-        pieces.append((_quintic(value, slope, curve, width[rows]), width[rows], share[rows], share[rows + 1]))
+        pieces.append((quintics(value, slope, curve, width[rows]), width[rows], share[rows], share[rows + 1]))
         # each row is one piece; time runs along it
         polynomial, span, early, late = (np.concatenate(parts, axis=-1) for parts in zip(*pieces, strict=True))
         if len(span) == 0:
@@ -366,7 +335,7 @@ def secondary_peak_force(force: Floats) -> Floats:
     return secondary
 
 
-def _quintic(value: Floats, slope: Floats, curvature: Floats, width: Floats) -> Floats:
+def quintics(value: Floats, slope: Floats, curvature: Floats, width: Floats) -> Floats:
     """Return the coefficients c_0..c_5 in u = (t - t_0)/width of the Hermite quintic, from data at both ends."""
     return np.array(quintic.py_func(*value, *(slope * width), *(curvature * width**2)))
 
@@ -392,22 +361,72 @@ def _quartic(speed: Floats, value: Floats, slope: Floats, curvature: Floats, wid
 
 
 @kernel(nogil=False)
-def _turning_point(polynomial):  # type: ignore[no-untyped-def]
-    """Return the root in [0, 1] of each derivative, ``(6, m)`` to ``(m,)``; see :func:`turning_point`."""
-    roots = np.zeros(polynomial.shape[1])
-    for column in range(polynomial.shape[1]):
-        _, c1, c2, c3, c4, c5 = polynomial[:, column]
-        roots[column] = turning_point(c1, c2, c3, c4, c5)
-    return roots
+def may_turn(rate0, rate1, bend0, bend1, width):  # type: ignore[no-untyped-def]
+    """Return whether a closing rate may fall through zero between two samples, from numbers or arrays at both.
+
+    It does where it is positive before and not after. With one sign at both samples it may dip below zero, or rise
+    above it, where the accelerations ``bend0`` and ``bend1`` bend it so far that its tangents meet beyond zero.
+    """
+    dips = (rate0 > 0.0) & (rate1 > 0.0) & (bend0 < 0.0) & (bend1 > 0.0)
+    rises = (rate0 <= 0.0) & (rate1 <= 0.0) & (bend0 > 0.0) & (bend1 < 0.0)
+    beyond = bend0 * (rate1 - bend1 * width) >= bend1 * rate0
+    return ((rate0 > 0.0) & (rate1 <= 0.0)) | ((dips | rises) & beyond)
 
 
 @kernel(nogil=False)
-def turning_point(c1, c2, c3, c4, c5):  # type: ignore[no-untyped-def]
-    """Return the root in [0, 1] of the derivative of a polynomial, by Newton's method within a bracket.
+def first_turns(polynomial, last):  # type: ignore[no-untyped-def]
+    """Return where polynomials ``(6, m)`` with the slopes ``last (m,)`` at their ends turn; see :func:`first_turn`."""
+    turns = np.zeros(polynomial.shape[1])
+    for column in range(polynomial.shape[1]):
+        _, c1, c2, c3, c4, c5 = polynomial[:, column]
+        turns[column] = first_turn(c1, c2, c3, c4, c5, last[column])
+    return turns
 
-    The derivative is > 0 at 0 and <= 0 at 1.
+
+@kernel(nogil=False)
+def first_turn(c1, c2, c3, c4, c5, last):  # type: ignore[no-untyped-def]
+    """Return where in [0, 1] a polynomial first turns from rising to falling; nan if it does not.
+
+    ``last`` is its slope at 1, whose sign the sum of the coefficients may miss by round-off.
     """
-    low, high, root = 0.0, 1.0, 0.5
+    if c1 > 0.0 and last <= 0.0:
+        return turning_point(c1, c2, c3, c4, c5, 0.0, 1.0)
+    # the slope has one sign at both ends: it falls through zero before its minimum, or after its maximum
+    sign = -1.0 if c1 > 0.0 else 1.0
+    extreme, slope = extreme_slope(c1, c2, c3, c4, c5, sign)
+    if sign * slope <= 0.0:
+        return np.nan
+    low, high = (0.0, extreme) if sign < 0.0 else (extreme, 1.0)
+    return turning_point(c1, c2, c3, c4, c5, low, high)
+
+
+@kernel(nogil=False)
+def extreme_slopes(polynomial, signs):  # type: ignore[no-untyped-def]
+    """Return where the slopes of polynomials ``(6, m)`` are extreme, and these slopes; see :func:`extreme_slope`."""
+    parts, slopes = np.zeros(polynomial.shape[1]), np.zeros(polynomial.shape[1])
+    for column in range(polynomial.shape[1]):
+        _, c1, c2, c3, c4, c5 = polynomial[:, column]
+        parts[column], slopes[column] = extreme_slope(c1, c2, c3, c4, c5, signs[column])
+    return parts, slopes
+
+
+@kernel(nogil=False)
+def extreme_slope(c1, c2, c3, c4, c5, sign):  # type: ignore[no-untyped-def]
+    """Return where in [0, 1] the slope of a polynomial is largest, or smallest if ``sign`` is -1, and the slope there.
+
+    The slope rises at 0 and falls at 1, or the opposite.
+    """
+    part = turning_point(sign * 2.0 * c2, sign * 3.0 * c3, sign * 4.0 * c4, sign * 5.0 * c5, 0.0, 0.0, 1.0)
+    return part, c1 + part * (2.0 * c2 + part * (3.0 * c3 + part * (4.0 * c4 + part * 5.0 * c5)))
+
+
+@kernel(nogil=False)
+def turning_point(c1, c2, c3, c4, c5, low, high):  # type: ignore[no-untyped-def]
+    """Return the root in [low, high] of the derivative of a polynomial, by Newton's method within a bracket.
+
+    The derivative is > 0 at ``low`` and <= 0 at ``high``.
+    """
+    root = 0.5 * (low + high)
     for _ in range(60):
         slope = c1 + root * (2.0 * c2 + root * (3.0 * c3 + root * (4.0 * c4 + root * 5.0 * c5)))
         curvature = 2.0 * c2 + root * (6.0 * c3 + root * (12.0 * c4 + root * 20.0 * c5))

@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.compiled import kernel
+from dem_bridge.dense import may_turn
 
 #: bodies that are worked on come in such blocks, so that no loop has a remainder
 BLOCK = 16
@@ -31,8 +32,9 @@ def advance(  # type: ignore[no-untyped-def]
 
     The results are velocity, displacement ``(n_kept, n_body + 1)``, force ``(n_kept, n_contact)``, at every ``keep``-th
     of ``dense_steps``; if ``full``, acceleration and overlap, too. Then, of all dense steps: the largest force of each
-    contact ``(size,)``, the farthest displacement (m), and the turns from closing to opening: dense step and contact
-    ``(n_turn, 2)``, overlap, closing rate, closing acceleration and force, before and then after ``(n_turn, 8)``.
+    contact ``(size,)``, the farthest displacement (m), and possible turns from closing to opening: dense step and
+    contact ``(n_turn, 2)``, overlap, closing rate, closing acceleration and force, before and then after ``(n_turn,
+    8)``.
 
     ``mass (size,)`` is inf for walls and padding; contacts ``first`` to ``last - 1`` are there, columns are in the
     order of a scene. ``reach`` and ``start``: distances at touch and positions, m, if ``positional``. Turns with less
@@ -106,14 +108,17 @@ def advance(  # type: ignore[no-untyped-def]
                 x[k + 1] = place[k + 1] - start[k + 1]
                 s[k] = reach[k] - (place[k + 1] - place[k])
         stopped = 0
+        # the first of the dense steps has none before it
+        width = (dense_steps[row] - dense_steps[max(row - 1, 0)]) * dt
         for k in range(count):
             away = abs(x[k + 1])
             farthest[k + 1] = away if away > farthest[k + 1] else farthest[k + 1]
             top[k] = f[k] if f[k] > top[k] else top[k]
-            stopped += was_closing[k] > 0.0 and v[k] - v[k + 1] <= 0.0
+            stopped += may_turn(was_closing[k], v[k] - v[k + 1], was_ending[k], a[k] - a[k + 1], width)
         if stopped > 0:
             for k in range(first, min(count, last)):
-                if was_closing[k] > 0.0 and v[k] - v[k + 1] <= 0.0 and max(was_overlap[k], s[k]) > 0.0:
+                turning = may_turn(was_closing[k], v[k] - v[k + 1], was_ending[k], a[k] - a[k + 1], width)
+                if turning and max(was_overlap[k], s[k]) > 0.0:
                     if turns == len(where):
                         # room for as many again
                         where, sides = np.concatenate((where, where)), np.concatenate((sides, sides))

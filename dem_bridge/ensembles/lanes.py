@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.compiled import kernel
-from dem_bridge.dense import quintic, turning_point
+from dem_bridge.dense import first_turn, may_turn, quintic
 from dem_bridge.ensembles.touch import law_power, touch_defect
 
 #: chains in a group; eight doubles fill one vector of AVX-512 and two of AVX2
@@ -144,26 +144,26 @@ def march(  # type: ignore[no-untyped-def]
         turned = 0
         for j in range(end):
             peak[j] = f[j] if f[j] > peak[j] else peak[j]
-            turned += (u0[j] - u0_next[j] > 0.0) & (u[j] - u_next[j] <= 0.0)
+            turned += may_turn(u0[j] - u0_next[j], u[j] - u_next[j], a0[j] - a0_next[j], a[j] - a_next[j], step)
             turned += (a0[j] > 0.0) & (a[j] < 0.0)
         if turned > 0:
             for j in range(end):
                 closing, opening = u0[j] - u0_next[j], u[j] - u_next[j]
-                if closing > 0.0 and opening <= 0.0 and max(s0[j], s[j]) > 0.0:
-                    bend0, bend1 = a0[j] - a0_next[j], a[j] - a_next[j]
-                    if max(abs(bend0), abs(bend1)) >= rest[j]:
-                        square = step * step
-                        c0, c1, c2, c3, c4, c5 = quintic(
-                            s0[j], s[j], step * closing, step * opening, square * bend0, square * bend1
-                        )
-                        part = turning_point(c1, c2, c3, c4, c5)
-                        depth = c0 + part * (c1 + part * (c2 + part * (c3 + part * (c4 + part * c5))))
-                        if depth > 0.0:
-                            if crossing[j] == np.inf:
-                                crossing[j] = (nth + part) * step
-                                # a body that is still accelerated then is fastest then
-                                fastest[j] = max(fastest[j], _cubic(part, step, u0[j], a0[j], u[j], a[j]))
-                            peak[j] = max(peak[j], beta[j] * law_power(depth, law, exponent[j // lanes]))
+                bend0, bend1 = a0[j] - a0_next[j], a[j] - a_next[j]
+                deep, felt = max(s0[j], s[j]) > 0.0, max(abs(bend0), abs(bend1)) >= rest[j]
+                if deep and felt and may_turn(closing, opening, bend0, bend1, step):
+                    square = step * step
+                    c0, c1, c2, c3, c4, c5 = quintic(
+                        s0[j], s[j], step * closing, step * opening, square * bend0, square * bend1
+                    )
+                    part = first_turn(c1, c2, c3, c4, c5, step * opening)
+                    depth = c0 + part * (c1 + part * (c2 + part * (c3 + part * (c4 + part * c5))))
+                    if depth > 0.0:
+                        if crossing[j] == np.inf:
+                            crossing[j] = (nth + part) * step
+                            # a body that is still accelerated then is fastest then
+                            fastest[j] = max(fastest[j], _cubic(part, step, u0[j], a0[j], u[j], a[j]))
+                        peak[j] = max(peak[j], beta[j] * law_power(depth, law, exponent[j // lanes]))
                 if a0[j] > 0.0 and a[j] < 0.0:
                     part, top = _maximum(step, u0[j], a0[j], u[j], a[j])
                     if (nth + part) * step <= crossing[j] or j >= last_body:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.dense import Approaches, Schedule
+from dem_bridge.dense import Schedule
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import FREE, Cost, Floats, Trajectory
+from dem_bridge.uncertainty.moments import Moments
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,10 +24,10 @@ class DenseReadings:
     """Largest force of each contact outside the collision that has its largest, N."""
     unresolved: NDArray[np.bool_]
     """Contacts whose first compression is briefer than the step."""
-    turns: Approaches
-    """Turns of open contacts."""
-    turns_elsewhere: Mapping[float, Approaches] = field(default_factory=dict)
-    """Those of the runs at other steps, by the ratio of their step; only where a contact may graze another."""
+    moments: Moments | None = None
+    """Moments that errors of the size of the uncertainty could decide otherwise; None: there are none."""
+    elsewhere: Mapping[float, tuple[Floats, Floats]] = field(default_factory=dict)
+    """Overlaps (m) and closing rates (m/s) of the runs at other steps at these moments, by the ratio of their step."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

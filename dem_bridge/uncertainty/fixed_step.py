@@ -22,7 +22,7 @@ all of them and from every second one.
 
 *Secondary peak force.* As far as velocities are uncertain, the next largest collision of a contact may be its largest.
 
-*Undetected grazes* and *unresolved contacts*: see :mod:`.grazes`.
+*Undetected grazes*, *undecided crossings* and *unresolved contacts*: see :mod:`.grazes`.
 
 The share of random scenes in which the true error is within the uncertainty is measured in tests/bench/bench_bars.py.
 """
@@ -38,7 +38,7 @@ from dem_bridge.dense import CROSSING_ERROR, PEAK_ERROR, Schedule
 from dem_bridge.trajectory import QUANTITIES, SAMPLED, Floats, Uncertainty, own_scale
 from dem_bridge.uncertainty.differences import absolute_differences, at_least_the_median
 from dem_bridge.uncertainty.family import TwinFamily
-from dem_bridge.uncertainty.grazes import may_graze, widen_for_grazes
+from dem_bridge.uncertainty.grazes import Doubt, widen_for_moments
 
 #: one realisation of round-off stands for others up to this factor
 REALISATIONS = 3.0
@@ -67,16 +67,12 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None) -> U
     total = _sum(step, roundoff_part(family, roundoff), summation_part(family, summed), tables, reading)
     total["peak_force"] = total["peak_force"] + secondary_peak_part(family, total["velocity"])
     total["crossing_time"] = np.where(family.readings.unresolved, math.inf, total["crossing_time"])
-    if may_graze(family.readings.turns, total["displacement"]):
-        total = widen_for_grazes(
-            total,
-            family.scene,
-            family.main,
-            family.readings.turns,
-            family.readings.turns_elsewhere,
-            safety=step_safety(family),
-            roundoff=REALISATIONS * float(roundoff["displacement"]),
-        )
+    if family.readings.moments is not None:
+        doubt = doubt_at_moments(family)
+        total = widen_for_moments(total, family.scene, family.main, family.readings.moments, doubt)
+    # a crossing that may be after the end of the run may be none
+    late = family.main.crossing_time + total["crossing_time"] > family.main.time[-1]
+    total["crossing_time"] = np.where(late, math.inf, total["crossing_time"])
     if not family.plan.resolved:
         # no run of the family is sampled densely enough to see what happens between its samples
         total["peak_force"] = total["crossing_time"] = math.inf
@@ -94,11 +90,28 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None) -> U
     )
 
 
-def displacement_uncertainty(family: TwinFamily) -> float:
-    """Return the uncertainty of displacements without grazes, m, which decides whether a contact may graze another."""
+def sampled_uncertainty(family: TwinFamily) -> dict[str, float]:
+    """Return the uncertainty of velocities and displacements without that of single contacts."""
     roundoff = roundoff_part(family, roundoff_differences(family))
     total = _sum(time_step_part(family), roundoff, summation_part(family, None), table_part(family))
-    return float(total["displacement"])
+    return {name: float(total[name]) for name in SAMPLED}
+
+
+def doubt_at_moments(family: TwinFamily) -> Doubt:
+    """Return the uncertainty of overlaps and closing rates at the undecided moments.
+
+    Differences to the runs at other steps are those of the same contact at the same time; two bodies round.
+    """
+    moments, factor, elsewhere = family.readings.moments, step_safety(family), family.readings.elsewhere
+    assert moments is not None
+    roundoff, tables = roundoff_differences(family), table_part(family)
+    parts = []
+    for nth, (name, here) in enumerate((("displacement", moments.overlap), ("velocity", moments.rate))):
+        there = {ratio: values[nth] for ratio, values in elsewhere.items()}
+        step = np.max([factor[ratio] * np.abs(value - here) for ratio, value in there.items()], axis=0)
+        step = step + family.scatter * np.ptp(list(there.values()), axis=0)
+        parts.append(step + 2.0 * (REALISATIONS * float(roundoff[name]) + float(tables[name])))
+    return Doubt(*parts)
 
 
 def time_step_part(family: TwinFamily) -> Part:

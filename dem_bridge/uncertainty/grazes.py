@@ -1,89 +1,128 @@
-"""Contacts that every run with a fixed step may miss alike, so that the differences of such runs say nothing of them.
+"""Contacts of which every run with a fixed step may miss something alike, so that their differences say nothing of it.
 
-A contact that turns back just before it touches may touch in the exact solution: its first compression is then unknown,
-and the force of such a touch is added to the uncertainty. A step may also be too long for a compression that exists.
+A contact that comes near touch may close in the exact solution, or not: its first compression is then unknown, and the
+force of such a touch is added to the uncertainty. A compression may be largest, or a little later, or after the run. A
+step may also be too long for a compression that exists. The moments are those of :mod:`.moments`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.steps import Dense, approach_of
-from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Approaches, Schedule, approaches
+from dem_bridge.backends.steps import Dense
+from dem_bridge.contacts import Contacts
+from dem_bridge.dense import PHASE_PER_DENSE_SAMPLE, Schedule
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.uncertainty.moments import Moments
 
 
-def may_graze(turns: Approaches, displacement: float) -> bool:
-    """Return whether an open contact turns so near to touch that errors of ``displacement`` (m) could close it."""
-    return bool(np.any(turns.overlap + 2.0 * displacement > 0.0))
+class Doubt(NamedTuple):
+    """Uncertainty of overlap (m) and closing rate (m/s) at each moment, ``(n_moment,)``."""
+
+    overlap: Floats
+    rate: Floats
 
 
-def widen_for_grazes(
-    uncertainty: Mapping[str, Any],
-    scene: Scene,
-    run: Trajectory,
-    turns: Approaches,
-    elsewhere: Mapping[float, Approaches],
-    *,
-    safety: Mapping[float, float],
-    roundoff: float,
+def widen_for_moments(
+    uncertainty: Mapping[str, Any], scene: Scene, run: Trajectory, moments: Moments, doubt: Doubt
 ) -> dict[str, Any]:
-    """Return an uncertainty of ``run`` that covers touches which no run of a family has.
-
-    Where some of the runs touch and some do not, their differences cover the touch already.
+    """Return an uncertainty of ``run`` that covers what may happen at ``moments`` and happens in no run of a family.
 
     Parameters
     ----------
     uncertainty : mapping
-        Uncertainty of each quantity without such touches.
-    turns : Approaches
-        Turns of open contacts in the run with absolute positions.
-    elsewhere : mapping
-        Those of the runs at other steps, by the ratio of their step.
-    safety : mapping
-        Factor of a difference to the run at another step, by the ratio of its step.
-    roundoff : float
-        Round-off of displacements, m.
+        Uncertainty of each quantity without that.
+    moments : Moments
+        Of the run with absolute positions.
+    doubt : Doubt
+        Uncertainty of overlap and closing rate at each moment.
     """
-    c, widened = scene.contacts, dict(uncertainty)
-    doubt = [safety[ratio] * _difference_of_turns(turns, other) for ratio, other in elsewhere.items()]
-    deepest = np.nan_to_num(turns.overlap + 2.0 * roundoff + np.max(doubt, axis=0), nan=-1.0)
-    near = np.flatnonzero(deepest > 0.0)
-    deepest, at = deepest[near], turns.contact[near]
-    widened["crossing_time"] = np.array(np.broadcast_to(widened["crossing_time"], c.left.shape))
-    widened["crossing_time"][at[~(turns.time[near] > run.crossing_time[at])]] = math.inf  # nan: it never crosses
-    with np.errstate(over="ignore"):  # of a stiff law it may be infinite, and is then unknown
-        force = c.force(deepest, at)
-    widened["peak_force"] = np.array(np.broadcast_to(widened["peak_force"], c.left.shape))
-    np.maximum.at(widened["peak_force"], at, force)
-    inverse_mass = np.append(1.0 / np.array(scene.mass), 0.0)
-    duration = np.minimum(np.sqrt(8.0 * deepest / np.maximum(turns.bend[near], 1e-300)), scene.duration)
-    kick = float(np.sum(force * duration * np.maximum(inverse_mass[c.left[at]], inverse_mass[c.right[at]])))
+    widened = dict(uncertainty)
+    for name in ("peak_force", "crossing_time"):
+        widened[name] = np.array(np.broadcast_to(widened[name], run.crossing_time.shape))
+    deepest = moments.overlap + doubt.overlap
+    certain = moments.felt & (moments.overlap > doubt.overlap)
+    near = np.flatnonzero(moments.touches & (deepest > 0.0) & ~certain)
+    touch = _touches(scene, moments, near, deepest[near], doubt.rate[near])
+    at = moments.contact[near]
+    np.maximum.at(widened["peak_force"], at, touch.force)
+    kick = float(np.sum(touch.kick))
     widened["velocity"] += kick
-    widened["displacement"] += kick * scene.duration
+    widened["displacement"] += float(np.sum(touch.kick * touch.after))
+    widened["crossing_time"][at[touch.stops & ~(moments.time[near] > run.crossing_time[at])]] = math.inf
+    # until the end of the run a closing rate may fall to zero within the uncertainty of a crossing, too
+    late = np.where(moments.last, widened["crossing_time"][moments.contact], 0.0)
+    slowed = doubt.rate + np.maximum(moments.bend, 1e-300) * late
+    undecided = moments.stops & (np.abs(moments.rate) <= slowed)
+    widened["crossing_time"][moments.contact[undecided]] = math.inf
     return widened
 
 
-def _difference_of_turns(turns: Approaches, other: Approaches) -> Floats:
-    """Return how much nearer or farther each of the ``turns`` is in another run, m; nan where it has none."""
-    differences = np.full(len(turns.contact), math.nan)
-    for k in np.unique(turns.contact):
-        here, there = np.flatnonzero(turns.contact == k), np.flatnonzero(other.contact == k)
-        if len(there):
-            nearest = there[np.argmin(np.abs(turns.time[here, None] - other.time[there]), axis=1)]
-            differences[here] = np.abs(turns.overlap[here] - other.overlap[nearest])
-    return differences
+class _Touch(NamedTuple):
+    """What touches may do, arrays ``(n_touch,)``."""
+
+    force: Floats
+    """Largest force, N."""
+    kick: Floats
+    """Change of velocity of the lighter body, m/s."""
+    after: Floats
+    """Time for which the bodies go on with it, s."""
+    stops: NDArray[np.bool_]
+    """Whether the compression may reach its maximum."""
 
 
-def open_turns(scene: Scene, plan: Schedule, dense: Dense) -> Approaches:
-    """Return where open contacts turn back in a run on the steps of ``plan``."""
-    return approaches(**approach_of(scene, plan, dense))
+def _touches(scene: Scene, moments: Moments, near: NDArray[np.int64], deepest: Floats, slower: Floats) -> _Touch:
+    """Return the largest effects of touches ``deepest`` (m) deep, at rates that are uncertain by ``slower`` (m/s).
+
+    A touch is no deeper than without its force, nor than its energy allows; adhesion pulls it in.
+    """
+    c, at, inverse_mass = scene.contacts, moments.contact[near], np.append(1.0 / np.array(scene.mass), 0.0)
+    mobility = inverse_mass[c.left[at]] + inverse_mass[c.right[at]]
+    lighter = np.maximum(inverse_mass[c.left[at]], inverse_mass[c.right[at]])
+    bend, pull = moments.bend[near], c.pull_off[at]
+    end = moments.last[near]
+    # at a turn all of the rate comes from the acceleration that ends it
+    turning = np.sqrt(2.0 * np.maximum(bend, 0.0) * deepest)
+    speed = np.where(end, moments.speed[near], np.minimum(moments.speed[near], turning)) + end * slower
+    energy = 0.5 * speed**2 / mobility + np.maximum(-bend, 0.0) * deepest / mobility
+    depth = np.minimum(deepest, _depth(c, at, energy))
+    depth = np.where(pull > 0.0, deepest + _depth(c, at, 2.0 * energy) + _pulled_in(c, at), depth)
+    with np.errstate(over="ignore"):  # of a stiff law it may be infinite, and is then unknown
+        force = c.force(depth, at) + c.damping[at] * depth ** c.damping_power[at] * speed
+        stored = c.energy(deepest, at) + c.damping[at] * deepest ** (c.damping_power[at] + 1.0) * speed
+    turn = np.sqrt(8.0 * deepest / np.maximum(bend, 1e-300))
+    lasting = np.minimum(np.where(end, moments.lasting[near], turn), scene.duration)
+    rest = scene.duration - moments.time[near] + moments.lasting[near]
+    after = np.minimum(rest, 1.0 / scene.drag) if scene.drag > 0.0 else rest
+    # a contact gives back no more than it takes
+    impulse = np.minimum(force * lasting, 2.0 * speed / mobility + np.maximum(-bend, 0.0) * lasting / mobility)
+    held = np.sqrt(2.0 * pull * depth / mobility) + pull * rest
+    kick = lighter * np.where(pull > 0.0, impulse + 2.0 * held, impulse)
+    least = np.maximum(moments.rate[near] - slower, 0.0)
+    stops = ~end | (pull > 0.0) | ((bend >= 0.0) & (stored >= 0.5 * least**2 / mobility))
+    return _Touch(force, kick, after, stops)
+
+
+def _depth(contacts: Contacts, which: NDArray[np.int64], energy: Floats) -> Floats:
+    """Return the overlaps (m) that store an energy (J); inf for a law that is a function."""
+    if contacts.laws:
+        return np.full(len(which), math.inf)
+    n = contacts.exponent[which]
+    return np.asarray((n * energy / contacts.stiffness[which]) ** (1.0 / n))
+
+
+def _pulled_in(contacts: Contacts, which: NDArray[np.int64]) -> Floats:
+    """Return twice the overlaps (m) to which adhesion pulls contacts that touch at rest."""
+    if contacts.laws:
+        return np.where(contacts.pull_off[which] > 0.0, math.inf, 0.0)
+    n = contacts.exponent[which]
+    return np.asarray((2.0 * n * contacts.pull_off[which] / contacts.stiffness[which]) ** (1.0 / (n - 1.0)))
 
 
 def unresolved_contacts(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> NDArray[np.bool_]:

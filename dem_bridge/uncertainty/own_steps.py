@@ -60,4 +60,4 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
         thinning=THINNING,
         scatter=SCATTER,
     )
-    return complete_family(family, watch, plans, run)
+    return complete_family(family, watch, dense, plans, run)

@@ -10,7 +10,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.prescan import Prescan
-from dem_bridge.backends.steps import Dense, fixed_step_plan, peaks_and_crossings
+from dem_bridge.backends.steps import Dense, approach_of, fixed_step_plan, peaks_and_crossings
 from dem_bridge.dense import Schedule, secondary_peak_force
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
@@ -18,8 +18,9 @@ from dem_bridge.scene import Scene
 from dem_bridge.stopwatch import Stopwatch
 from dem_bridge.trajectory import Cost, Trajectory
 from dem_bridge.uncertainty.family import DenseReadings, TwinFamily
-from dem_bridge.uncertainty.fixed_step import displacement_uncertainty
-from dem_bridge.uncertainty.grazes import may_graze, open_turns, unresolved_contacts
+from dem_bridge.uncertainty.fixed_step import doubt_at_moments, sampled_uncertainty
+from dem_bridge.uncertainty.grazes import unresolved_contacts
+from dem_bridge.uncertainty.moments import read_at, undecided_moments, with_ways
 
 #: part of the largest step that resolves a contact with n < 2: without it 3 of 600 collisions with n = 1.1 were outside
 #: by velocity-Verlet, by up to 1.7 uncertainties, and 1 of 591 others by Blanes and Moan's method, by 4.7
@@ -34,7 +35,6 @@ def read_dense(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> D
         thinned=peaks_and_crossings(scene, plan, dense, every=2),
         secondary_peak_force=secondary_peak_force(dense.force),
         unresolved=unresolved_contacts(scene, plan, dense, run),
-        turns=open_turns(scene, plan, dense),
     )
 
 
@@ -73,22 +73,27 @@ def runs_at_other_steps(
 def complete_family(
     family: TwinFamily,
     watch: Stopwatch,
+    dense: Dense,
     plans: Mapping[float, Schedule],
     solve: Callable[[Schedule], tuple[Trajectory, Dense]],
 ) -> TwinFamily:
-    """Return a family with its cost and, where a contact may graze another, the turns of the runs at other steps.
+    """Return a family with its cost, its undecided moments, and what the runs at other steps have at these.
 
-    ``watch`` began with the first run of the family; ``plans`` has the other steps, by their ratio; ``solve`` makes a
-    run on given steps, with its dense samples.
+    ``watch`` began with the first run of the family; ``dense`` are the dense samples of ``positional``; ``plans`` has
+    the other steps, by their ratio; ``solve`` makes a run on given steps, with its dense samples.
     """
     runs = [family.main, *family.others.values()]
     runs += [run for run in (family.positional, family.tabled, family.halved) if run not in (None, family.main)]
-    if may_graze(family.readings.turns, displacement_uncertainty(family)):
-        turns = {}
+    scene, crossing = family.scene, family.positional.crossing_time
+    moments = undecided_moments(scene, family.plan, dense, crossing, **sampled_uncertainty(family))
+    if len(moments):
+        elsewhere = {}
         for ratio, plan in plans.items():
-            run, dense = solve(plan)
+            run, samples = solve(plan)
             runs.append(run)
-            turns[ratio] = open_turns(family.scene, plan, dense)
-        family = replace(family, readings=replace(family.readings, turns_elsewhere=turns))
+            elsewhere[ratio] = read_at(approach_of(scene, plan, samples), moments.contact, moments.time)
+        family = replace(family, readings=replace(family.readings, moments=moments, elsewhere=elsewhere))
+        moments = with_ways(moments, approach_of(scene, family.plan, dense), doubt_at_moments(family).overlap)
+        family = replace(family, readings=replace(family.readings, moments=moments))
     steps, evaluations = sum(run.cost.steps for run in runs), sum(run.cost.force_evaluations for run in runs)
     return replace(family, cost=Cost.since(watch, steps=steps, force_evaluations=evaluations))

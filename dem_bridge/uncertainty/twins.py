@@ -100,7 +100,7 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
         readings=read_dense(scene, plan, dense, positional),
         thinning=THINNING,
     )
-    return complete_family(family, watch, plans, lambda steps: solve_dense(scene, steps, 0.0))
+    return complete_family(family, watch, dense, plans, lambda steps: solve_dense(scene, steps, 0.0))
 
 
 def _tabled(case: Case, plan: Schedule, tables: Tables, cache: RunCache) -> Trajectory:

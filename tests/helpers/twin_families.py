@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.dense import Approaches, Schedule
+from dem_bridge.dense import Schedule
 from dem_bridge.scene import Scene
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.uncertainty.family import DenseReadings, TwinFamily
+from dem_bridge.uncertainty.moments import Moments
 from tests.helpers.fake_runs import free_flight
 
 #: three bodies, two contacts of n = 2: forces are stiffness times overlap
@@ -22,7 +23,6 @@ SCENE = Scene(
 OWN = free_flight()
 #: few steps, so that sums and last digits are far below all else
 PLAN = Schedule(step=2.5e-3, per_sample=100, subdivisions=10, samples=4)
-NO_TURNS = Approaches(contact=np.zeros(0, dtype=np.int64), time=np.zeros(0), overlap=np.zeros(0), bend=np.zeros(0))
 
 
 def changed(run: Trajectory = OWN, **differences: Any) -> Trajectory:
@@ -38,11 +38,17 @@ def changed(run: Trajectory = OWN, **differences: Any) -> Trajectory:
     return replace(run, **values)
 
 
-def turn(contact: int, time: float, overlap: float, bend: float) -> Approaches:
-    """One turn of an open contact."""
-    return Approaches(
-        contact=np.array([contact]), time=np.array([time]), overlap=np.array([overlap]), bend=np.array([bend])
-    )
+def moment(contact: int, time: float, *, overlap: float = 0.0, rate: float = 0.0, bend: float, **parts: Any) -> Moments:
+    """One moment: a contact turns between two open samples, unless ``parts`` say otherwise."""
+    numbers = {"overlap": overlap, "rate": rate, "bend": bend, "speed": 1.0, "lasting": time}
+    kinds = {"last": False, "touches": True, "felt": False, "stops": False}
+    values = {"contact": contact, "time": time, **numbers, **kinds} | parts
+    return Moments(**{name: np.array([value]) for name, value in values.items()})
+
+
+def there(overlap: float, rate: float = 0.0) -> tuple[Any, Any]:
+    """What a run at another step has at one moment."""
+    return np.array([overlap]), np.array([rate])
 
 
 def family(
@@ -51,8 +57,8 @@ def family(
     secondary: tuple[float, float] = (0.0, 0.0),
     thinned: tuple[Any, Any] | None = None,
     unresolved: tuple[bool, bool] = (False, False),
-    turns: Approaches = NO_TURNS,
-    elsewhere: Mapping[float, Approaches] | None = None,
+    moments: Moments | None = None,
+    elsewhere: Mapping[float, tuple[Any, Any]] | None = None,
     **changes: Any,
 ) -> TwinFamily:
     """A family whose runs agree in all but what is given."""
@@ -70,8 +76,8 @@ def family(
             thinned=thinned or same,
             secondary_peak_force=np.array(secondary),
             unresolved=np.array(unresolved),
-            turns=turns,
-            turns_elsewhere=elsewhere or {},
+            moments=moments,
+            elsewhere=elsewhere or {},
         ),
     }
     return TwinFamily(**(parts | changes))

@@ -11,12 +11,13 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.steps import Dense
-from dem_bridge.dense import Approaches, Schedule
+from dem_bridge.dense import Schedule
 from dem_bridge.scene import Scene, Wall
 from dem_bridge.uncertainty.fixed_step import fixed_step_uncertainty
-from dem_bridge.uncertainty.grazes import _difference_of_turns, unresolved_contacts, widen_for_grazes
+from dem_bridge.uncertainty.grazes import Doubt, unresolved_contacts, widen_for_moments
 from dem_bridge.uncertainty.twins import twin_family
 from tests.helpers.fake_runs import free_flight
+from tests.helpers.twin_families import moment
 
 G, UP = -1e3, 0.75
 HEIGHT = UP**2 / (2.0 * -G)
@@ -59,8 +60,7 @@ def test_without_the_look_for_misses_the_bar_would_be_wrong_in_silence() -> None
     scene = thrown_up(1e-12)
     family = twin_family(scene, Resolution(dt=4e-7), Sampling(count=scene.samples))
     assert family is not None
-    none = Approaches(contact=np.zeros(0, dtype=np.int64), time=np.zeros(0), overlap=np.zeros(0), bend=np.zeros(0))
-    blind = replace(family, readings=replace(family.readings, turns=none))
+    blind = replace(family, readings=replace(family.readings, moments=None))
     assert np.isfinite(fixed_step_uncertainty(blind)["crossing_time"][0])
     assert math.isinf(fixed_step_uncertainty(family)["crossing_time"][0])
 
@@ -130,17 +130,6 @@ def test_below_n_2_a_crossing_is_resolved_where_its_contact_is_soft_enough_for_t
         assert unresolved_contacts(scene, plan, dense, run).tolist() == [unresolved and slope > 0.0]
 
 
-def _turns(contact: list[int], time: list[float], overlap: list[float]) -> Approaches:
-    return Approaches(contact=np.array(contact), time=np.array(time), overlap=np.array(overlap),
-                      bend=np.ones(len(contact)))  # fmt: skip
-
-
-def test_a_turn_is_compared_with_the_nearest_in_time_of_its_own_contact() -> None:
-    turns = _turns([0, 1, 0, 2], [0.1, 0.2, 0.5, 0.3], [-1.0, -2.0, -3.0, -4.0])
-    other = _turns([1, 0, 0, 0, 1], [0.9, 0.12, 0.45, 0.9, 0.21], [-9.0, -1.5, -2.5, -9.0, -2.25])
-    np.testing.assert_array_equal(_difference_of_turns(turns, other), [0.5, 0.25, 0.5, math.nan])
-
-
 @pytest.mark.parametrize(
     ("time", "known"), [(0.0999, False), (0.1, False), (0.1001, True)], ids=["before", "at", "after"]
 )
@@ -149,14 +138,11 @@ def test_a_crossing_is_known_if_it_is_before_the_turn(time: float, known: bool) 
         name="three", duration=1.0, mass=(2.0, 4.0, 8.0), stiffness=(100.0, 100.0), exponent=2.0,
         velocity=(1.0, 2.0, 3.0),
     )  # fmt: skip
-    turns = _turns([0], [time], [-1e-3])
+    turn = moment(0, time, overlap=-1e-3, bend=1.0)
     none = {"velocity": 0.0, "displacement": 0.0, "peak_force": 0.0, "crossing_time": 0.0}
-    found = widen_for_grazes(none, scene, free_flight(), turns, {2.0: turns}, safety={2.0: 1.0}, roundoff=1e-3)
+    doubt = Doubt(np.array([2e-3]), np.zeros(1))
+    found = widen_for_moments(none, scene, free_flight(), turn, doubt)
     assert found["crossing_time"].tolist() == [0.0 if known else math.inf, 0.0]
     # 1 mm deep at 100 N/m; a bend of 1 m/s^2 holds it for sqrt(8e-3) s
     assert found["peak_force"] == pytest.approx([0.1, 0.0], rel=1e-9)
     assert found["velocity"] == pytest.approx(0.1 * math.sqrt(8e-3) / 2.0, rel=1e-9)
-    # a slow turn lasts no longer than the run
-    slow = replace(turns, bend=np.array([0.0]))
-    found = widen_for_grazes(none, scene, free_flight(), slow, {2.0: slow}, safety={2.0: 1.0}, roundoff=1e-3)
-    assert found["velocity"] == pytest.approx(0.1 * 1.0 / 2.0, rel=1e-9)
