@@ -1,40 +1,32 @@
 """Provide random scenes with every feature and their truths in extended precision, kept in tests/data/many_scenes.npz.
 
 Mostly 2 to 6 bodies, exponents 1.1 to 5, every damping law, adhesion, drag, drives, walls, gaps, precompression, common
-velocities; one in ten has a body or a contact of extreme size. The truth is that of tests/data/truth_any.c, at two
-tolerances: their difference is its own uncertainty. To add truths (a C compiler; half a second of CPU each)::
+velocities; one in ten has a body or a contact of extreme size. The truths are those of :mod:`tests.helpers.truths`. To
+compute them anew (a C compiler; a fifth of a second of CPU each), or those of new seeds::
 
+    python -m tests.helpers.many_scenes again
     python -m tests.helpers.many_scenes FIRST LAST
 """
 
 from __future__ import annotations
 
-import json
 import math
-import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.drive import Drive
 from dem_bridge.errors import SceneError
 from dem_bridge.scene import Adhesion, Damping, Scene, Wall
-from dem_bridge.trajectory import SAMPLED, Trajectory
+from tests.helpers.kept_truths import load, save
+from tests.helpers.truths import DATA, FIRST, Truth, compiled, solved
 
-DATA = Path(__file__).parent.parent / "data"
 KEPT = DATA / "many_scenes.npz"
-TOLERANCES = (1e-18, 1e-16)
 SAMPLES = 4
-QUANTITIES = ("displacement", "velocity", "peak_force", "crossing_time")
-PARTS = {"wall_left": Wall, "wall_right": Wall, "damping": Damping, "adhesion": Adhesion, "drive": Drive}
-Floats = NDArray[np.float64]
 
 
 def _short(values: Any) -> Any:
@@ -134,171 +126,28 @@ def drawn(seed: int) -> Scene | None:
         return None
 
 
-@dataclass(frozen=True)
-class Truth:
-    """Hold what a scene ends with, and how far two tolerances of the truth are apart."""
-
-    values: dict[str, Floats]
-    doubt: dict[str, Floats]
-
-    def outside(self, run: Trajectory, quantity: str) -> float:
-        """Return the largest ratio of error to uncertainty; inf for a finite uncertainty of what does not exist."""
-        value, truth = getattr(run, quantity), self.values[quantity]
-        value = value[-1] if quantity in SAMPLED else value
-        bar = np.broadcast_to(np.asarray(run.uncertainty[quantity]), truth.shape)
-        missing = np.isnan(value) != np.isnan(truth)
-        error = np.where(missing, math.inf, np.nan_to_num(np.abs(value - truth)))
-        # the truth is rounded to a double, and is unsure by what two tolerances differ
-        allowed = (
-            bar + 2.0 * np.nan_to_num(self.doubt[quantity], nan=math.inf) + 2.0**-52 * np.nan_to_num(np.abs(truth))
-        )
-        ratio = np.divide(error, allowed, out=np.zeros_like(error), where=(error > 0.0) & np.isfinite(allowed))
-        return float(np.max(np.where((error > 0.0) & (allowed == 0.0), math.inf, ratio), initial=0.0))
-
-    def width(self, run: Trajectory, quantity: str) -> float:
-        """Return the median of uncertainty over error of all bodies or contacts; nan where no error is known."""
-        value, truth = getattr(run, quantity), self.values[quantity]
-        error = np.abs((value[-1] if quantity in SAMPLED else value) - truth)
-        bar = np.broadcast_to(np.asarray(run.uncertainty[quantity]), truth.shape)
-        sure = np.isfinite(bar) & (error > 0.0)
-        return float(np.median(bar[sure] / error[sure])) if np.any(sure) else math.nan
-
-
-def make_truth(program: Path, scene: Scene) -> Truth | None:
-    """Return the truth of a scene at both tolerances; None where it takes too long."""
-    runs = []
-    for tolerance in TOLERANCES:
-        try:
-            done = subprocess.run(
-                [program], input=_problem(scene, tolerance), capture_output=True, check=True, text=True
-            )
-        except subprocess.CalledProcessError:
-            return None
-        motion, *contacts = [[float.fromhex(word) for word in line.split()] for line in done.stdout.splitlines()]
-        table, n = np.array(contacts).reshape(-1, 2), scene.n_body
-        runs.append(dict(zip(QUANTITIES, (np.array(motion[:n]), np.array(motion[n:]), *table.T), strict=True)))
-    fine, coarse = runs
-    apart = {name: np.abs(fine[name] - coarse[name]) for name in QUANTITIES}
-    same = {name: np.isnan(fine[name]) & np.isnan(coarse[name]) for name in QUANTITIES}
-    return Truth(fine, {name: np.where(same[name], 0.0, apart[name]) for name in QUANTITIES})
-
-
-def _problem(scene: Scene, tolerance: float) -> str:
-    """Return the input of truth_any.c."""
-    c, duration, drive = scene.contacts, scene.duration, scene.drive
-    mobility = np.append(1.0 / np.array(scene.mass), 0.0)
-    fall = abs(scene.gravity) * duration
-    push = 0.0 if drive is None else float(np.max(np.abs(drive.force))) * duration / scene.mass[0]
-    speed = max(map(abs, scene.velocity)) + fall
-    squares = (np.abs(scene.velocity) + fall + push * (np.arange(scene.n_body) == 0)) ** 2
-    overlap = np.maximum(-c.gap, 0.0)
-    stored = 0.0 if scene.precompression else float(np.sum(c.stiffness * overlap**c.exponent / c.exponent))
-    energy = 0.5 * float(np.array(scene.mass) @ squares) + stored
-    deep = (c.exponent * energy / c.stiffness) ** (1.0 / c.exponent)
-    meet = (0.5 * c.exponent * speed**2 / (mobility[c.left] + mobility[c.right]) / c.stiffness) ** (1.0 / c.exponent)
-    deep = np.minimum(deep, 1e3 * meet) if speed > 0.0 and not scene.precompression else deep
-    held = scene.precompression > 0.0 or scene.gravity != 0.0 or scene.adhesive
-    rest = 1e-10 * c.stiffness * overlap ** (c.exponent - 1.0) * (mobility[c.left] + mobility[c.right]) * held
-    numbers: list[Any] = []
-    breaks: list[Any] = []
-    shape = 0
-    if drive is not None:
-        shape = 2 if drive.shape == "table" else 1
-        if shape == 2:
-            forces = np.atleast_1d(drive.force).tolist()
-            interval = float(drive.interval or 0.0)
-            numbers, breaks = [interval, *forces], [interval * i for i in range(1, len(forces))]
-        else:
-            chirp = (drive.last_frequency, drive.sweep) if drive.shape == "chirp" else (0.0, 0.0)
-            numbers = [drive.force, drive.frequency, *chirp, math.radians(drive.phase), drive.rise]
-            breaks = [time for time in (drive.rise, chirp[1]) if time]
-    lines = [f"{scene.n_body} {scene.n_contact} {scene.samples} {duration.hex()} {tolerance!r}"]
-    lines.append(f"{int(c.clip)} {float(scene.drag).hex()} {shape} {len(numbers)}")
-    lines += [" ".join(float(number).hex() for number in part) for part in (numbers,)]
-    lines += [f"{len(breaks)}", " ".join(float(time).hex() for time in breaks)]
-    lines += [
-        " ".join(float(value).hex() for value in row)
-        for row in zip(scene.mass, scene.velocity, scene.free_acceleration.tolist(), strict=True)
-    ]
-    for k in range(scene.n_contact):
-        row = (c.stiffness, c.exponent, c.gap, c.damping, c.damping_power, c.pull_off, rest, deep)
-        lines.append(f"{c.left[k]} {c.right[k]} " + " ".join(float(values[k]).hex() for values in row))
-    return "\n".join([*lines, float(max(speed, math.sqrt(2.0 * energy / sum(scene.mass)))).hex()])
-
-
-def _scene_of(parts: dict[str, Any]) -> Scene:
-    parts = {key: tuple(value) if isinstance(value, list) else value for key, value in parts.items()}
-    for key, part in PARTS.items():
-        if parts.get(key) is not None:
-            fields = {name: tuple(v) if isinstance(v, list) else v for name, v in parts[key].items()}
-            parts[key] = part(**fields)
-    return Scene(**parts, samples=SAMPLES)
-
-
-def _kept_fields(scene: Scene) -> dict[str, Any]:
-    """Return the fields of a scene that are not defaults, so that they make it again."""
-    keys = ("name", "duration", "mass", "stiffness", "exponent", "velocity", "gap", "gravity", "precompression", "drag")
-    fields = {key: value for key, value in asdict(scene).items() if key in (*keys, *PARTS) and value not in (None, 0.0)}
-    if scene.precompression:
-        del fields["gap"]
-    return {
-        key: {name: v for name, v in value.items() if not name.startswith("_") and v not in (None, "")}
-        if isinstance(value, dict)
-        else value
-        for key, value in fields.items()
-    }
-
-
 @cache
 def many() -> list[tuple[Scene, Truth]]:
     """Return all scenes that are kept, with their truths."""
-    with np.load(KEPT) as data:
-        lines, numbers = json.loads(data["scenes"].tobytes()), data["numbers"]
-    pairs, at = [], 0
-    for parts in lines:
-        scene = _scene_of(parts)
-        sizes = [scene.n_body] * 2 + [scene.n_contact] * 2
-        blocks = []
-        for size in sizes:
-            blocks.append(numbers[at : at + size])
-            at += size
-        doubts = [numbers[at + i] for i in range(4)]
-        at += 4
-        values = dict(zip(QUANTITIES, blocks, strict=True))
-        spread = {name: np.full(len(values[name]), doubt) for name, doubt in zip(QUANTITIES, doubts, strict=True)}
-        pairs.append((scene, Truth(values, spread)))
-    return pairs
+    return load(KEPT, samples=SAMPLES)
 
 
-def save(pairs: list[tuple[Scene, Truth]]) -> None:
-    """Keep scenes and truths together."""
-    numbers: list[float] = []
-    for _, truth in pairs:
-        numbers += [float(value) for name in QUANTITIES for value in truth.values[name]]
-        numbers += [float(np.max(truth.doubt[name], initial=0.0)) for name in QUANTITIES]
-    text = np.frombuffer(json.dumps([_kept_fields(scene) for scene, _ in pairs]).encode(), dtype=np.uint8)
-    np.savez_compressed(KEPT, scenes=text, numbers=np.array(numbers))
-
-
-def new_truths(seeds: range) -> Iterator[tuple[Scene, Truth]]:
-    """Yield scenes with their truths."""
+def main(arguments: list[str]) -> None:
+    """Compute truths and keep them, also when interrupted."""
+    old = many() if KEPT.exists() else []
+    again = arguments == ["again"]
+    pairs = {} if again else {scene.name: (scene, truth) for scene, truth in old}
+    scenes = [scene for scene, _ in old] if again else [drawn(seed) for seed in range(*map(int, arguments))]
     with tempfile.TemporaryDirectory() as folder:
-        program = Path(folder) / "truth"
-        subprocess.run(["cc", "-O2", "-o", program, DATA / "truth_any.c", "-lm"], check=True)
-        for seed in seeds:
-            scene = drawn(seed)
-            truth = None if scene is None else make_truth(program, scene)
-            if scene is not None and truth is not None:
-                yield scene, truth
+        program = compiled(FIRST, Path(folder))
+        for scene in scenes:
+            if scene is None or scene.name in pairs:
+                continue
+            truth = solved(program, scene, FIRST.settings)
+            if truth is not None:
+                pairs[scene.name] = (scene, truth)
+    save(KEPT, list(pairs.values()))
 
 
 if __name__ == "__main__":
-    first, last = map(int, sys.argv[1:])
-    old = many() if KEPT.exists() else []
-    names = {scene.name for scene, _ in old}
-    for number, pair in enumerate(new_truths(range(first, last)), start=1):
-        if pair[0].name not in names:
-            old.append(pair)
-        if number % 20 == 0:
-            save(old)
-    save(old)
+    main(sys.argv[1:])
