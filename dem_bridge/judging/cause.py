@@ -179,7 +179,8 @@ def by_statements(search: Search, none: Fit, stated: Sequence[Statement]) -> Dia
     together = decision.decide(_certain(variant, ""), np.zeros(0), none)
     if not (_explained(together) or _nearly_explained(together) or together.error < none.error / FLOORS):
         return None
-    effects = {statement: _effect(search, variant_of(search.scene, [statement])) for statement in stated}
+    # where one of them is no scene by itself, its effect is that of all
+    effects = {statement: _effect(search, variant_of(search.scene, [statement]) or variant) for statement in stated}
     first = max(stated, key=lambda statement: effects[statement])
     effect, step = effects[first], step_error(decision, together)
     words = _and(f"{statement.words} (effect {effects[statement]:.2g})" for statement in stated)
@@ -203,10 +204,8 @@ def _certain(variant: Variant, cause: str) -> Hypothesis:
     return Hypothesis(cause, lambda p: variant, "What is stated.")
 
 
-def _effect(search: Search, variant: Variant | None) -> float:
-    """Return the largest change by a variant relative to the scale of a quantity; 0 if it is no scene by itself."""
-    if variant is None:
-        return 0.0
+def _effect(search: Search, variant: Variant) -> float:
+    """Return the largest change by a variant relative to the scale of a quantity."""
     data, decision = search.data, search.decision
     changes = data.largest(data.predict(variant, decision.rows, DECISION), decision.exact)
     return max(change / block.scale for change, block in zip(changes, data.blocks, strict=True))

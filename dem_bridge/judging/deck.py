@@ -10,7 +10,7 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +84,7 @@ class UserDeck:
         """Return the fields of its scene that differ from those of ``scene``; none if it cannot be read."""
         if self.read is None:
             return {}
-        return {name: getattr(self.read.scene, name) for name in differences(scene, self.read.scene)}
+        return {name: _of_any_contact(self.read.scene, name) for name in differences(scene, self.read.scene)}
 
     def last(self, name: str) -> Command | None:
         """Return the last command of a name."""
@@ -244,8 +244,20 @@ def _put_in_order(dump: Path, *, mirrored: bool) -> None:
 
 def differences(scene: Scene, other: Scene) -> dict[str, str]:
     """Return how each field in which two scenes differ differs, in words."""
-    words = {name: _difference(getattr(scene, name), getattr(other, name)) for name in _FIELDS}
+    words = {name: _difference(_of_any_contact(scene, name), _of_any_contact(other, name)) for name in _FIELDS}
     return {name: text for name, text in words.items() if text}
+
+
+def _of_any_contact(scene: Scene, name: str) -> object:
+    """Return a field of a scene; the constants of damping and adhesion are one number if all contacts have the same.
+
+    Scenes with other walls have other numbers of contacts.
+    """
+    value, constants = getattr(scene, name), {"damping": "coefficient", "adhesion": "pull_off"}
+    if name in constants and value is not None:
+        numbers = np.unique(np.atleast_1d(getattr(value, constants[name])))
+        return replace(value, **{constants[name]: float(numbers[0])}) if len(numbers) == 1 else value
+    return value
 
 
 def _difference(ours: object, theirs: object) -> str:

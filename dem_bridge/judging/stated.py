@@ -34,7 +34,7 @@ class Statement:
     cause: str
     """One of the causes; "" where none of them is such a difference."""
     words: str
-    changes: Mapping[str, Any]
+    changes: dict[str, Any]
     """Fields of the scene with the stated values, and "start": displacement of each body at the start, m."""
     where: str = ""
 
@@ -44,7 +44,11 @@ def statements(scene: Scene, record: Record) -> list[Statement]:
     stated = dict(record.stated)
     if "velocity" not in stated:
         stated |= _first_velocities(scene, record)
-    return [*_of_bodies(scene, stated), *_of_stiffness(scene, stated), *_of_others(scene, stated)]
+    others = list(_of_others(scene, stated))
+    if "exponent" in stated:  # with which the unit of a stiffness changes, so that both are one difference
+        with_exponent = {name: stated.pop(name) for name in ("stiffness", "wall_left", "wall_right") if name in stated}
+        others[0] = replace(others[0], changes=others[0].changes | with_exponent)
+    return [*_of_bodies(scene, stated), *_of_stiffness(scene, stated), *others]
 
 
 def variant_of(scene: Scene, stated: Iterable[Statement]) -> Variant | None:
@@ -118,9 +122,7 @@ def _of_stiffness(scene: Scene, stated: Mapping[str, Any]) -> Iterator[Statement
         yield from (_of_wall(scene, name, wall) for name, wall in walls.items())
         return
     ratio = np.array(stated["stiffness"]) / np.array(scene.stiffness)
-    words, where = _differing(
-        "has a stiffness of {} N/m^(n-1)", "has {}", stated["stiffness"], scene.stiffness, "contact"
-    )
+    words, where = _differing("has a stiffness of {} N/m^(n-1)", stated["stiffness"], scene.stiffness, "contact")
     uniform = float(np.ptp(ratio)) <= SAME * float(ratio[0])
     whole = [getattr(scene, name) is None or math.isclose(factors.get(name, 1.0), ratio[0], rel_tol=SAME)
              for name in ("wall_left", "wall_right")]  # fmt: skip

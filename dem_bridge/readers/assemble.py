@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.readers.digits import numbers, scaled, step_of
+from dem_bridge.readers.digits import counted_times, numbers, scaled, step_of
 from dem_bridge.readers.headings import DIMENSIONS, STYLES, Heading, heading_of, scale_of
 from dem_bridge.readers.record import QUANTITIES, Draft
 from dem_bridge.readers.tables import Entry, Table
@@ -218,7 +218,12 @@ def _times(
         unit = choices.scale("time", heading.unit or entry.unit)
         time, rounding = scaled(*numbers(np.ravel(entry.values)), unit)
         if dt is None and steps is not None and steps.values.shape == time.shape:
-            dt = step_of(time, rounding, numbers(steps.values)[0], notes)
+            number = numbers(steps.values)[0]
+            # a table with a row for each body repeats both
+            rows = np.sort(np.unique(np.stack([number, time]), axis=1, return_index=True)[1])
+            dt = step_of(time[rows], rounding[rows], number[rows], notes)
+        if steps is not None and steps.values.shape == time.shape:
+            time, rounding = counted_times(time, rounding, numbers(steps.values)[0], dt, notes)
         return time, rounding, dt
     if steps is not None and dt is not None:
         notes.append(f"times are step numbers times the time step of {dt:.9g} s")

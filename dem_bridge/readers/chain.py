@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.readers.assemble import Choices, from_sides
-from dem_bridge.readers.digits import scaled, step_of
+from dem_bridge.readers.digits import counted_times, scaled, step_of
 from dem_bridge.readers.frames import Frames
 from dem_bridge.readers.headings import STYLES
 from dem_bridge.readers.record import Draft
@@ -89,7 +89,8 @@ def times_of(frames: Frames, choices: Choices, scale: float, notes: list[str]) -
     dt = choices.dt if choices.dt is not None else None if frames.dt is None else frames.dt * scale
     if frames.time is not None:
         time, rounding = scaled(frames.time, frames.rounding["time"], scale)
-        return time, rounding, dt if dt is not None else step_of(time, rounding, frames.step, notes)
+        dt = dt if dt is not None else step_of(time, rounding, frames.step, notes)
+        return *counted_times(time, rounding, frames.step, dt, notes), dt
     if dt is None or frames.step is None:
         raise UsageError("the file has step or frame numbers but no times; give the time step in seconds, dt (FILE@DT)")
     notes.append(f"times are step numbers (without them: frame numbers) times the time step of {dt:.9g} s")

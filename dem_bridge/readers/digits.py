@@ -23,6 +23,8 @@ _DOUBLE_DIGITS = 17
 _SAMPLES = 5000
 #: most characters of a number, and of all numbers of an array if each has as many as the longest
 _LONGEST, _MOST_CHARACTERS = 400, 2**31
+#: fewest step numbers that show that times are exact, and their relative difference from the times
+_COUNTED, _SAME_TIME = 3, 1e-12
 #: fewest different values from which single precision is recognised
 _FEWEST_SINGLES = 20
 
@@ -239,6 +241,23 @@ def _roundest(low: float, high: float) -> float:
             place = 10.0 ** (math.floor(math.log10(candidate)) - digits + 1)
             return candidate if high - low <= 0.1 * place else math.nan
     return math.nan
+
+
+def counted_times(
+    time: Floats, rounding: Floats, step: Floats | None, dt: float | None, notes: list[str]
+) -> tuple[Floats, Floats]:
+    """Return times that are whole numbers of time steps with the rounding error of that product.
+
+    Times such as 1e-05 and 2e-05 have one digit because they are round, which their step numbers show.
+    """
+    if step is None or dt is None or step.shape != time.shape or len(np.unique(step)) < _COUNTED:
+        return time, rounding
+    exact = step * dt
+    within = _SAME_TIME * np.abs(exact)
+    if np.all(rounding <= within) or np.any(np.abs(time - exact) > within):
+        return time, rounding
+    notes.append(f"times are step numbers times the time step of {dt:.9g} s, although they have few digits")
+    return exact, np.minimum(rounding, within)
 
 
 def step_of(time: Floats, rounding: Floats, step: Floats | None, notes: list[str]) -> float | None:
