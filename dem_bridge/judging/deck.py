@@ -10,7 +10,7 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from dem_bridge.errors import BlockedScript, RunBroken, SceneError, UsageError
 from dem_bridge.files import MOST_BYTES, opened, text_of_file
+from dem_bridge.judging.stated import of_any_contact
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.opening import files_of
 from dem_bridge.lmp.process import run_deck, workspace
@@ -84,7 +85,7 @@ class UserDeck:
         """Return the fields of its scene that differ from those of ``scene``; none if it cannot be read."""
         if self.read is None:
             return {}
-        return {name: _of_any_contact(self.read.scene, name) for name in differences(scene, self.read.scene)}
+        return {name: of_any_contact(self.read.scene, name) for name in differences(scene, self.read.scene)}
 
     def last(self, name: str) -> Command | None:
         """Return the last command of a name."""
@@ -244,20 +245,8 @@ def _put_in_order(dump: Path, *, mirrored: bool) -> None:
 
 def differences(scene: Scene, other: Scene) -> dict[str, str]:
     """Return how each field in which two scenes differ differs, in words."""
-    words = {name: _difference(_of_any_contact(scene, name), _of_any_contact(other, name)) for name in _FIELDS}
+    words = {name: _difference(of_any_contact(scene, name), of_any_contact(other, name)) for name in _FIELDS}
     return {name: text for name, text in words.items() if text}
-
-
-def _of_any_contact(scene: Scene, name: str) -> object:
-    """Return a field of a scene; the constants of damping and adhesion are one number if all contacts have the same.
-
-    Scenes with other walls have other numbers of contacts.
-    """
-    value, constants = getattr(scene, name), {"damping": "coefficient", "adhesion": "pull_off"}
-    if name in constants and value is not None:
-        numbers = np.unique(np.atleast_1d(getattr(value, constants[name])))
-        return replace(value, **{constants[name]: float(numbers[0])}) if len(numbers) == 1 else value
-    return value
 
 
 def _difference(ours: object, theirs: object) -> str:

@@ -16,6 +16,7 @@ from dem_bridge.checked import whole_number
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.judging.deck import DeckRun, UserDeck, differences
 from dem_bridge.judging.error import FileErrors
+from dem_bridge.judging.stated import changed
 from dem_bridge.lmp.known_defects import defects_of
 from dem_bridge.lmp.mixing import mixing_warning
 from dem_bridge.lmp.reader.deck import UNITS
@@ -94,7 +95,7 @@ class Twins:
     def velocity(self, radius: float | None = None, **changes: Any) -> Floats:
         """Return the velocities, m/s, ``(n_t, n_body)``, of the scene with other fields, or with a particle radius."""
         resolution, sampling = Resolution(dt=self.dt, surrogate_radius=radius), Sampling(count=self.scene.samples)
-        scene = replace(self.scene, **changes)
+        scene = changed(self.scene, changes) if changes else self.scene
         case = Case(scene=scene, backend="verlet", resolution=resolution, sampling=sampling, uncertainty=False)
         return case.solve().velocity
 

@@ -56,13 +56,31 @@ def variant_of(scene: Scene, stated: Iterable[Statement]) -> Variant | None:
     changes = {name: value for statement in stated for name, value in statement.changes.items()}
     start = changes.pop("start", None)
     try:
-        system = system_of(replace(scene, **changes))
+        system = system_of(changed(scene, changes))
     except DemBridgeError:
         return None
     if start is None:
         return Variant(system)
     places = np.concatenate([[0.0], start, [0.0]])
     return Variant(system.changed(gap=system.gap + np.diff(places)), offset=tuple(start))
+
+
+def of_any_contact(scene: Scene, name: str) -> Any:
+    """Return a field of a scene; the constants of damping and adhesion are one number if all contacts have the same.
+
+    Scenes with other walls have other numbers of contacts.
+    """
+    value, constants = getattr(scene, name), {"damping": "coefficient", "adhesion": "pull_off"}
+    if name in constants and value is not None:
+        numbers = np.unique(np.atleast_1d(getattr(value, constants[name])))
+        return replace(value, **{constants[name]: float(numbers[0])}) if len(numbers) == 1 else value
+    return value
+
+
+def changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
+    """Return a scene with other fields; new walls have the damping and adhesion of the other contacts."""
+    fields = {name: of_any_contact(scene, name) for name in ("damping", "adhesion")}
+    return replace(scene, **{**fields, **changes})
 
 
 def _first_velocities(scene: Scene, record: Record) -> dict[str, Any]:
@@ -177,7 +195,7 @@ def _of_others(scene: Scene, stated: Mapping[str, Any]) -> Iterator[Statement]:
         if name not in stated:
             continue
         value, cause = stated[name], causes.get(name, "")
-        own = getattr(scene, name)
+        own = of_any_contact(scene, name)
         if name == "damping" and value is not None and own is not None and replace(value, clip=own.clip) == own:
             cause = "clip"
         yield Statement(

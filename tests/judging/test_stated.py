@@ -54,8 +54,7 @@ FAULTS: dict[str, tuple[Callable[[Samples], None], str, str]] = {
 }
 
 
-@pytest.mark.parametrize("quantities", [BOTH, ("velocity",)])
-@pytest.mark.parametrize("dt", [1e-7, 1e-6])
+@pytest.mark.parametrize(("dt", "quantities"), [(1e-7, BOTH), (1e-6, ("velocity",))])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_what_is_wrong_in_all_samples_is_named(fault: str, dt: float, quantities: tuple[str, ...]) -> None:
     change, cause, words = FAULTS[fault]
@@ -144,7 +143,11 @@ WALLED = replace(CHAIN, wall_right=Wall(stiffness=4e9), damping=Damping(law="das
     ],
 )
 def test_each_difference_of_a_deck_has_a_cause(stated: dict[str, object], causes: list[str], where: str) -> None:
-    said = statements(WALLED, replace(record(WALLED), stated=stated))
+    # walls have the exponent of their scene
+    stated = {
+        name: replace(value, exponent=2.5) if isinstance(value, Wall) else value for name, value in stated.items()
+    }
+    said = statements(WALLED, replace(record(), stated=stated))
     assert ([each.cause for each in said], said[0].where) == (causes, where)
     assert variant_of(WALLED, said) is not None
     assert {name for each in said for name in each.changes} == set(stated)
