@@ -179,10 +179,14 @@ def _set_linear(ax: Axes, xs: Sequence[NDArray[np.float64]], inches: float) -> N
 def power_of_ten(value: float, _: float | None = None) -> str:
     """Return a power of ten as text without a superscript, which would be too small on paper.
 
-    >>> power_of_ten(1e-14), power_of_ten(0.01), power_of_ten(1000.0), power_of_ten(1e6)
-    ('1e-14', '0.01', '1000', '1e6')
+    >>> power_of_ten(1e-14), power_of_ten(0.01), power_of_ten(1000.0), power_of_ten(1e6), power_of_ten(1e12)
+    ('1e-14', '0.01', '1000', '1e6', '1e12')
     """
-    return f"{value:g}" if 1e-3 < value < 1e5 else f"{value:.0e}".replace("e+0", "e").replace("e-0", "e-")
+    return (
+        f"{value:g}"
+        if 1e-3 < value < 1e5
+        else f"{value:.0e}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
+    )
 
 
 def _decades(values: Sequence[NDArray[np.float64]]) -> float | None:

@@ -86,3 +86,18 @@ def test_every_registered_observable_has_a_column_or_a_note() -> None:
     there = {column.quantity for column in table.columns}
     there |= {note.split(":")[0].replace(" ", "_") for note in table.notes}
     assert set(OBSERVABLES) - there == {"crossing_time"}  # which is the arrival at the body behind
+
+
+def test_the_largest_of_samples_has_the_uncertainty_of_its_own_place() -> None:
+    run = db.solve(CROSSED, backend="verlet", dt=4e-7)
+    force, uncertainty = (
+        part(CROSSED, run) for part in (OBSERVABLES["contact_force"].value, OBSERVABLES["contact_force"].uncertainty)
+    )
+    place = np.unravel_index(np.argmax(force), force.shape)
+    # at the start nothing is compressed, and hardly anything is uncertain
+    assert uncertainty[0, 0] < 0.1 * uncertainty[place]
+    notes = db.table_of(CROSSED, "observables", backend="verlet", dt=4e-7).notes
+    expected = (
+        f"contact force: largest magnitude at samples, {force[place]:.6g} N (uncertainty {uncertainty[place]:.1e} N)"
+    )
+    assert expected in notes
