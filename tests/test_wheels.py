@@ -74,6 +74,17 @@ def test_the_sample_of_faults_is_the_same_every_time_and_changes_one_line_each()
         assert faults.sample(8, 3, files=[fault.file])[number] == fault
 
 
+def test_every_part_in_which_faults_are_planted_has_sources_and_tests() -> None:
+    parts = [part for group in faults.GROUPS.values() for part in group]
+    assert sorted(parts) == sorted(mutate.TESTS)
+    files = [file for group in faults.GROUPS for file in faults.targets(group)]
+    assert len(files) == len(set(files))
+    assert all((ROOT / file).is_file() for file in files)
+    assert all((ROOT / test).exists() for tests in mutate.TESTS.values() for test in tests)
+    assert {fault.file for fault in faults.sample(8, 3, "services").values()} <= set(faults.targets("services"))
+    assert faults.targets("services", "measurement") == sorted(file for file in files if "/measurement/" in file)
+
+
 #: a number in the source, and what sees it when it is doubled: a function, another module's name for a constant, the
 #: default of an argument and that of a field of a class or of a named tuple
 PLANTED = (
