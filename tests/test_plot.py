@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 import dem_bridge as db
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.front import arrival, residence_time, residence_time_uncertainty
+from dem_bridge.report.strokes import STYLES, style_of
 from dem_bridge.scene import Scene
 from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.studies.verify import study_without_runs
@@ -235,3 +236,13 @@ def test_bars_do_not_reach_into_the_legend(solved: Solve) -> None:
     ax.figure.draw_without_rendering()
     bottom = ax.transData.inverted().transform(legend.get_window_extent())[0, 1]
     assert bottom > 1e6 * (residence_time(SCENE, run)[1:-1] + residence_time_uncertainty(SCENE, run)[1:-1]).max()
+
+
+def test_runs_of_one_code_have_numbered_styles_and_others_those_of_the_report(solved: Solve) -> None:
+    exact = solved(SCENE, "reference")
+    coarse, fine = (solved(SCENE, "verlet", dt=dt) for dt in (2e-6, 1e-6))
+    one, other = db.plot.residence([coarse, fine]).get_lines()
+    assert [line.get_color() for line in (one, other)] == [style_of(f"nth/{k}/{k}")["color"] for k in range(2)]
+    alone, theory = db.plot.residence([exact], theory="bca", scene=SCENE).get_lines()
+    for line, name in ((alone, "reference"), (theory, "bca")):
+        assert (line.get_color(), line.get_marker()) == (STYLES[name]["color"], STYLES[name].get("marker", "None"))

@@ -94,7 +94,7 @@ def test_the_scene_of_a_chain_has_the_numbers_of_its_row() -> None:
     assert left is not None
     assert right is not None
     assert (*scene.stiffness, left.stiffness, right.stiffness) == tuple(chains.stiffness[1])
-    assert (*scene.gap, left.gap, right.gap) == tuple(chains.gap[1])
+    assert [*np.atleast_1d(scene.gap).tolist(), left.gap, right.gap] == chains.gap[1].tolist()
     assert scene.name == "row.chain-1"
     assert scene.duration == SCENE.duration
 

@@ -20,6 +20,7 @@ from dem_bridge.exports.trajectories import NOMINAL_SPACING, centres, text_of
 from dem_bridge.scene import Scene
 from tests.helpers.export_chains import CROSSED, PAIR, RAW
 from tests.helpers.export_runs import NAMES, made_up
+from tests.helpers.fake_runs import free_flight
 
 PRESSED = replace(RAW, name="pressed", gap=0.0, precompression=20.0, velocity=(0.8, 0.0, 0.0, 0.0), wall_left=None,
                   damping=None)  # fmt: skip
@@ -192,3 +193,39 @@ def test_mdanalysis_reads_extended_xyz(tmp_path: Path) -> None:
         # it keeps single precision
         x = centres(CROSSED)[0] + run.displacement[5]
         np.testing.assert_allclose(universe.atoms.positions[:, 0], x, rtol=2.0**-23, atol=1e-30)
+
+
+def test_each_layout_of_csv_has_its_own_headings_and_numbers() -> None:
+    run = free_flight(bodies=2, contacts=1, samples=2, contact_force=np.array([[0.0], [5.0], [7.0]]))
+    scene = Scene(name="two", duration=1.0, mass=(1.0, 2.0), stiffness=(1.0,), velocity=(1.0, 2.0))
+    long, wide = (text_of(run, scene, "csv", layout=layout).splitlines() for layout in ("long", "wide"))
+    assert long[0] == "time_s,body,x_m,displacement_m,velocity_m_per_s,force_left_N,force_right_N"
+    # bodies stand 10 mm apart, and the contact presses the first to the left and the second to the right
+    rows = [[float(cell) for cell in row.split(",")] for row in long[1:]]
+    assert rows[2:4] == [[0.5, 0.0, 0.5, 0.5, 1.0, 0.0, 5.0], [0.5, 1.0, 1.01, 1.0, 2.0, 5.0, 0.0]]
+    assert len(rows) == 6
+    names = ["displacement_0_m", "displacement_1_m", "velocity_0_m_per_s", "velocity_1_m_per_s", "contact_force_0_N"]
+    assert wide[0].split(",") == ["time_s", *names]
+    assert [[float(cell) for cell in row.split(",")] for row in wide[1:]] == [
+        [0.0, 0.0, 0.0, 1.0, 2.0, 0.0],
+        [0.5, 0.5, 1.0, 1.0, 2.0, 5.0],
+        [1.0, 1.0, 2.0, 1.0, 2.0, 7.0],
+    ]
+
+
+def test_a_dump_has_net_forces_and_a_box_that_contains_all_motion() -> None:
+    run = free_flight(bodies=2, contacts=1, samples=1, contact_force=np.array([[0.0], [5.0]]))
+    scene = Scene(name="two", duration=1.0, mass=(1.0, 2.0), stiffness=(1.0,), velocity=(1.0, 2.0), spacing=0.02)
+    dump = text_of(run, scene, "lammpstrj").splitlines()
+    low, high = (
+        float(number) for number in dump[dump.index(next(line for line in dump if "BOX" in line)) + 1].split()[:2]
+    )
+    # from two radii left of the first body to two right of where the last one could fly from its place
+    assert (low, high) == (pytest.approx(-0.02), pytest.approx(0.02 + 2.0 + 0.02))
+    columns = next(line for line in dump if line.startswith("ITEM: ATOMS")).split()[2:]
+    last = [dict(zip(columns, row.split(), strict=True)) for row in dump[-2:]]
+    assert [float(row["fx"]) for row in last] == [-5.0, 5.0]
+    assert [float(row["vx"]) for row in last] == [1.0, 2.0]
+    assert [float(row["radius"]) for row in last] == [0.01, 0.01]
+    assert [float(row["mass"]) for row in last] == [1.0, 2.0]
+    assert [row["id"] for row in last] == ["1", "2"]

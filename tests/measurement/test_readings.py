@@ -132,3 +132,22 @@ def test_a_heading_with_a_number_of_thousands_of_digits_is_no_reading(tmp_path: 
     (tmp_path / "laser.csv").write_text(f"time_s,velocity_{'1' * 5000}\n0,1\n1e-4,2\n")
     with pytest.raises(UsageError, match=r"laser\.csv"):
         read_measurement([tmp_path / "laser.csv"], ROW)
+
+
+#: units of each quantity with their values in SI
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+METRES = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9}
+SPEEDS = {"m_per_s": 1.0, "cm_per_s": 1e-2, "mm_per_s": 1e-3, "m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3}
+UNITS = {"arrival": SECONDS, "displacement": METRES, "velocity": SPEEDS, "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3}}
+
+
+@pytest.mark.parametrize(
+    ("heading", "unit", "factor"), [(name, *item) for name, units in UNITS.items() for item in units.items()]
+)
+def test_every_unit_has_its_value(heading: str, unit: str, factor: float, tmp_path: Path) -> None:
+    (reading,) = _read(tmp_path, f"time_us;body;contact;{heading} ({unit});sigma ({unit})\n10;1;1;2;0.5\n")
+    assert (reading.value[0], reading.uncertainty[0]) == (pytest.approx(2.0 * factor), pytest.approx(0.5 * factor))
+    if heading == "velocity":
+        for name, value in SECONDS.items():
+            text = f"time ({name});body;v ({unit});sigma ({unit})\n{1e-5 / value!r};1;2;0.5\n"
+            assert _read(tmp_path, text)[0].time[0] == pytest.approx(1e-5)

@@ -376,3 +376,23 @@ def test_a_fit_of_a_gain_is_a_linear_least_squares_fit() -> None:
         pytest.approx(slope**2 / (0.1**2 + deviation**2), rel=1e-6),
         1,
     )
+
+
+def test_an_interval_has_the_ends_of_the_likelihood_and_need_not_be_symmetric() -> None:
+    prediction = _prediction()
+    # the time of the clock: a value near the top of a pulse rises ever slower with it, so that its error is not linear
+    declared = parameters_of({"time": 1e-5}, SPRING)
+    noise = np.full(12, 1e6)
+    noise[2] = 0.015
+    fit = fit_parameters(prediction, declared, (), prediction.simulated, noise)
+    (found,) = fit.fitted
+    assert found.change == pytest.approx(0.0, abs=1e-3 * found.uncertainty)
+
+    def excess(change: float) -> float:
+        return float(((prediction.at(declared, [change])[2] - prediction.simulated[2]) / 0.015) ** 2)
+
+    # the 95 % quantile of chi-square of one number is 3.841
+    assert excess(found.low) == pytest.approx(3.841, rel=0.05)
+    assert excess(found.high) == pytest.approx(3.841, rel=0.05)
+    assert found.low < 0.0 < found.high
+    assert abs(found.high + found.low) > 0.05 * found.uncertainty, "the closed form is not symmetric"

@@ -355,3 +355,11 @@ def test_a_budget_buys_the_accuracy_whose_plan_costs_as_much() -> None:
     outlook = Outlook(scene=FIVE, prescan=prescan_scene(FIVE), sampling=Sampling(count=FIVE.samples))
     step = math.sqrt(bought / part) * whole.units["dt"]
     assert outlook.cost("verlet", step) == pytest.approx(0.5 * whole.predicted_cost, rel=0.1)
+
+
+def test_a_budget_that_buys_less_than_one_digit_buys_nothing() -> None:
+    # errors of one and more are no accuracy
+    with pytest.raises(
+        UsageError, match=r"the budget is 0\.0004 s; it buys no meaningful run; ask for less, or give more"
+    ):
+        db.plan(FIVE, 1e-7, "verlet", predict_only=True, budget=4e-4)

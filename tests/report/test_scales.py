@@ -255,7 +255,9 @@ def test_a_figure_has_the_width_of_a_sheet_and_a_row_for_each_full_set_of_column
     )
     assert tall.get_figheight() - one.get_figheight() == pytest.approx(0.5 * 1.95 + 0.15)
     assert _figure(2, 2, width=0.5).get_figwidth() == pytest.approx(0.5 * WIDTH)
-    assert new_axes().figure.get_figwidth() == pytest.approx(NOTEBOOK_WIDTH)
+    notebook = new_axes().get_figure(root=True)
+    assert notebook is not None
+    assert notebook.get_figwidth() == pytest.approx(NOTEBOOK_WIDTH)
 
 
 def test_a_last_panel_beside_the_others_is_as_high_as_all() -> None:
@@ -287,13 +289,26 @@ def test_marks_and_uncertainties_of_a_panel_are_those_of_its_series() -> None:
     assert point.get_marker() == "D"
 
 
+@pytest.mark.parametrize(("count", "every"), [(4, 1), (18, 2), (90, 10)])
+def test_markers_along_a_line_are_at_most_nine_and_those_without_a_line_at_most_24(count: int, every: int) -> None:
+    line = Series(label="run", style="lammps-granular", x=np.arange(float(count)), y=np.ones(count))
+    [drawn] = draw_panel(Figure().add_subplot(), _panel(series=(line,))).get_lines()
+    points = replace(line, style="reference", x=np.arange(12.0 * every), y=np.ones(12 * every))
+    [marks] = draw_panel(Figure().add_subplot(), _panel(series=(points,))).get_lines()
+    if drawn.get_linestyle() != "None":
+        assert drawn.get_markevery()[1] == every  # type: ignore[index]
+    if marks.get_linestyle() == "None":
+        assert marks.get_markevery() == (0, max(1, -(-12 * every // 24)))
+
+
 def test_bars_of_a_row_stand_beside_each_other() -> None:
     rows = np.arange(2.0)
     series = tuple(Series(label=f"{k}", style="", x=np.array([1.0, 2.0]) + k, y=rows) for k in range(2))
     figure = draw_figure(
         FigureData(id="f", title="", caption="", columns=1, panels=(_panel(series=series, rows=("a", "b"), bars=True),))
     )
-    boxes = [(bar.get_width(), bar.get_y(), bar.get_height()) for bar in figure.axes[0].patches]
+    bars: list[Any] = list(figure.axes[0].patches)
+    boxes = [(bar.get_width(), bar.get_y(), bar.get_height()) for bar in bars]
     # each 0.4 high, on both sides of the middle of its row
     np.testing.assert_allclose(boxes, [(1.0, -0.4, 0.4), (2.0, 0.6, 0.4), (2.0, 0.0, 0.4), (3.0, 1.0, 0.4)], atol=1e-12)
     assert figure.get_figheight() == pytest.approx(0.7 + 0.3 * 2 + 0.35)

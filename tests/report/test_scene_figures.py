@@ -172,7 +172,8 @@ def test_a_budget_has_a_bar_of_each_part_on_one_axis() -> None:
     low, high = 0.3 * 3e-13, 300.0 * 4e-5
     for ax, budget in zip(panels, budgets, strict=True):
         assert ax.get_xlim() == pytest.approx((low, high), rel=1e-12)
-        ends = [bar.get_x() + bar.get_width() for bar in ax.patches]
+        bars: list[Any] = list(ax.patches)
+        ends = [bar.get_x() + bar.get_width() for bar in bars]
         values = [budget.found, *budget.parts.values(), budget.unexplained]
         # no part and an unknown one are at the ends of the axis, and said in words
         assert ends == pytest.approx([min(max(value, low), high) for value in values], rel=1e-12)
@@ -196,7 +197,11 @@ def test_few_bodies_are_lines_with_their_closed_form() -> None:
         np.testing.assert_array_equal(velocity[f"body {k}"], np.stack([1e3 * run.time, run.velocity[:, k]], axis=1))
     np.testing.assert_array_equal(force["contact 0"], np.stack([1e3 * run.time, run.contact_force[:, 0]], axis=1))
     # an elastic collision: (m1 - m2) / (m1 + m2) and 2 m1 / (m1 + m2) of the speed; forces 5/4 mu v^2 over the overlap
-    levels = [line.get_ydata() for line in _panels(motion([study]))[0].get_lines() if line.get_label() == "closed form"]
+    levels = [
+        np.asarray(line.get_ydata())
+        for line in _panels(motion([study]))[0].get_lines()
+        if line.get_label() == "closed form"
+    ]
     np.testing.assert_allclose(levels, [[-0.4, -0.4], [0.4, 0.4]], rtol=1e-9)
     overlap = (1.25 * 0.0075 * 0.64 / 4e9) ** 0.4
     np.testing.assert_allclose(force["closed form"], [[0.0, 4e9 * overlap**1.5], [0.1, 4e9 * overlap**1.5]], rtol=1e-9)
@@ -248,3 +253,13 @@ def test_velocities_are_those_of_the_bodies_that_are_named() -> None:
         np.testing.assert_array_equal(
             line.get_xydata(), np.stack([1e3 * run.time, run.velocity[:, body]], axis=1)[early]
         )
+
+
+def test_a_budget_alone_has_an_axis_from_below_its_least_part_to_above_its_largest() -> None:
+    study = SceneStudy(scene=SIX, verdicts=(), budgets=(_budget("velocity", 1.1e-6),))
+    ax = db.plot.budget(study)
+    # a third of the unexplained part, and 300 times the total
+    assert ax.get_xlim() == pytest.approx((0.3 * 3e-13, 300.0 * 1.1e-6), rel=1e-12)
+    nothing = Budget(quantity="velocity", found=0.0, parts={}, unexplained=0.0, allowed=1e-12, scale_name="largest")
+    ax = db.plot.budget(SceneStudy(scene=SIX, verdicts=(), budgets=(nothing,)))
+    assert ax.get_xlim() == pytest.approx((3e-17, 3e-14), rel=1e-12)
