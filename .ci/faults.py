@@ -194,6 +194,17 @@ class Live:
         self.kernels = [each for each in objects if isinstance(each, Kernel)]
         self._caches = [each for each in ours if isinstance(each, functools._lru_cache_wrapper)]
 
+    def callers(self, kernels: Sequence[Any]) -> list[Any]:
+        """Return kernels with all that call them, directly or through others: these have inlined their code."""
+        reached = {id(kernel): kernel for kernel in kernels}
+        while True:
+            others = [kernel for kernel in self.kernels if id(kernel) not in reached]
+            named = {id(k): map(k.py_func.__globals__.get, k.py_func.__code__.co_names) for k in others}
+            new = [kernel for kernel in others if any(id(value) in reached for value in named[id(kernel)])]
+            if not new:
+                return list(reached.values())
+            reached |= {id(kernel): kernel for kernel in new}
+
     def forget_results(self) -> None:
         """Empty the caches of all functions, because they hold what the code without a fault returned."""
         for cache in self._caches:
@@ -219,11 +230,10 @@ def plant(mutant: Mutant, live: Live) -> None:
     changed = {old: new for old, new in zip(before, after, strict=True) if old != new}
     module = sys.modules[_module(mutant.file)]
     live.swap(changed)
-    compiled = [kernel for kernel in live.kernels if kernel.__module__ == module.__name__]
-    if any(kernel.py_func.__code__ in changed.values() for kernel in compiled):
+    if stale := live.callers([kernel for kernel in live.kernels if kernel.py_func.__code__ in changed.values()]):
         import numba
 
-        for kernel in compiled:  # compiled code of the right one must not be used; no other module calls these
+        for kernel in stale:  # compiled code of the right one must not be used
             vars(kernel).pop("compiled", None)
         numba.njit = functools.partial(lambda njit, cache, nogil: njit(nogil=nogil), numba.njit)
     if not lines_of(text, mutant.line):  # executed by the import
