@@ -165,3 +165,22 @@ def test_the_indices_of_another_seed_are_of_other_chains() -> None:
     # means of 32 chains whose forces vary by some 5 %: were the seed without effect, they would be equal
     values = [float(means(seed)[0]) for seed in range(1, 5)]
     assert np.ptp(values) > 1e-4 * np.mean(values)
+
+
+def test_a_quantile_of_a_normal_number_is_that_many_deviations() -> None:
+    variation = Variation(scene=SCENE, vary={"mass": 0.1, "stiffness": 0.05, "velocity": 0.02, "gap": 1e-6})
+    # one standard deviation below, none, and two above
+    chains = variation.chains(np.repeat(ndtr([[-1.0], [0.0], [2.0]]), len(variation.columns), axis=1))
+    for nth, deviations in enumerate((-1.0, 0.0, 2.0)):
+        np.testing.assert_allclose(chains.mass[nth], np.array(SCENE.mass) * (1.0 + 0.1 * deviations), rtol=1e-12)
+        stiffness = np.array([2e10, 1e10, 2e10, 1e10])
+        np.testing.assert_allclose(chains.stiffness[nth], stiffness * (1.0 + 0.05 * deviations), rtol=1e-12)
+        np.testing.assert_allclose(
+            chains.velocity[nth], np.array(SCENE.velocity) * (1.0 + 0.02 * deviations), rtol=1e-12
+        )
+        # what is added to a gap only opens it
+        gap = np.array([1e-6, 0.0, 1e-5, 2e-6]) + 1e-6 * abs(deviations)
+        np.testing.assert_allclose(chains.gap[nth], gap, rtol=1e-12, atol=1e-21)
+    # numbers at the ends are those of the largest and the least number, not infinite
+    ends = variation.chains(np.array([[0.0], [1.0]]) * np.ones(len(variation.columns)))
+    assert np.all(np.isfinite(ends.gap))

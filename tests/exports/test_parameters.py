@@ -299,3 +299,17 @@ def test_a_body_alone_has_tables_without_rows() -> None:
         assert db.table_of(alone, name).rows == []
     for name in ("bodies", "observables"):
         assert len(db.table_of(alone, name).rows) == 1
+
+
+def test_ellipses_are_those_of_hertzian_contacts_and_the_reason_is_given_for_others(solved: Solve) -> None:
+    soft = replace(
+        CROSSED, name="mixed", exponent=(2.5, 2.2, 2.5), stiffness=(*CROSSED.stiffness[:1], 3e8, *CROSSED.stiffness[2:])
+    )
+    table, frame = _contacts(soft)
+    assert frame["semi_major_m"].isna().tolist() == [False, True, False]
+    reason = [note for note in table.notes if note not in _contacts(CROSSED)[0].notes and "Hertz" in note]
+    assert len(reason) == 1
+    assert _contacts(CROSSED)[1]["semi_major_m"].notna().all()
+    # overlaps by the power law of each contact
+    overlap = (frame["peak_force_N"] / np.array(soft.stiffness)) ** (1.0 / (np.array([2.5, 2.2, 2.5]) - 1.0))
+    np.testing.assert_allclose(frame["peak_overlap_m"], overlap, rtol=1e-12)

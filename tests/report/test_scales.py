@@ -125,6 +125,18 @@ def test_a_logarithmic_axis_has_more_ticks_where_it_has_fewer_decades(
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
 
 
+def test_values_that_no_logarithmic_axis_can_show_do_not_count_for_its_ticks() -> None:
+    [line] = _panel([1.0, 2.0, NAN, 0.0, 1.0]).series
+    panel = _panel(log=True, series=(replace(line, x=np.array([1.0, 3.0, 2.0, -1.0, np.inf])),))
+    ax = Figure().add_subplot()
+    set_scales(ax, panel, 3.0)
+    ax.set_xlim(1.0, 3.01)
+    assert {1.0, 1.5, 2.0, 3.0} <= {float(f"{tick:.6g}") for tick in ax.get_xticks()}
+    # without any value above zero an axis stays linear
+    nothing = _axes(_panel([-1.0, 0.0], log=True))
+    assert (nothing.get_xscale(), nothing.get_yscale()) == ("linear", "linear")
+
+
 def test_a_linear_axis_of_whole_numbers_has_whole_ticks() -> None:
     whole, parts = _panel([1.0] * 41), _panel([1.0, 2.0])
     ticks, _ = _ticks(_axes(whole))
