@@ -141,7 +141,7 @@ def _comparison(**changes: Any) -> Comparison:
     fields: dict[str, Any] = {
         "readings": (velocity, force),
         "simulated": np.array([1.0, 2.0, 12.0]),
-        "measured": np.array([1.3, 2.0, 10.0]),
+        "measured": np.array([1.3, 1.75, 10.0]),
         "numerical": np.array([0.0, 0.3, 0.0]),
         "input": np.array([0.3, 0.0, 1.0]),
         "data": np.array([0.4, 0.4, 1.0]),
@@ -155,7 +155,7 @@ def _comparison(**changes: Any) -> Comparison:
 
 def test_a_comparison_is_the_arithmetic_of_its_definition() -> None:
     both = _comparison()
-    np.testing.assert_allclose(both.error, [-0.3, 0.0, 2.0], rtol=1e-15)
+    np.testing.assert_allclose(both.error, [-0.3, 0.25, 2.0], rtol=1e-15)
     # 3-4-5 triangles, and the diagonal of a square
     np.testing.assert_allclose(both.validation, [0.5, 0.5, math.sqrt(2.0)], rtol=1e-15)
     assert both.share_within(1.0) == pytest.approx(2.0 / 3.0)
@@ -179,7 +179,10 @@ def test_the_joint_statistic_is_that_of_the_whole_covariance() -> None:
     assert (joint.statistic, joint.count) == (pytest.approx(expected, rel=1e-12), 3)
     assert joint.p == pytest.approx(chi2.sf(expected, 3), rel=1e-12)
     assert both.joint("peak_force").statistic == pytest.approx(4.0 / (0.64 + 1.0 + 0.36), rel=1e-12)
-    assert (both.joint("velocity").statistic, both.joint("velocity").count) == (pytest.approx(0.09 / 0.25), 2)
+    assert (both.joint("velocity").statistic, both.joint("velocity").count) == (
+        pytest.approx(0.09 / 0.25 + 0.0625 / 0.25),
+        2,
+    )
 
 
 def test_a_probability_is_a_number_of_standard_deviations() -> None:
