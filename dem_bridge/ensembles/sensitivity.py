@@ -2,20 +2,21 @@
 
 The first-order index of a number is the part of the variance that goes when that number alone is known; its total index
 is the part that stays while all others are known (Sobol' 2001, *Math. Comput. Simul.* 55, 271). They are estimated from
-``n (d + 2)`` chains for d numbers (Saltelli et al. 2010, *Comput. Phys. Commun.* 181, 259) by
-:func:`scipy.stats.sobol_indices`, with intervals by its bootstrap.
+``n (2 d + 2)`` chains for d numbers: two samples, and each of them with one column of the other. Both estimators are
+products of differences that vanish with the index, so that a small index has a small error (Owen 2013, *ACM Trans.
+Model. Comput. Simul.* 23, 11; Jansen 1999, *Comput. Phys. Commun.* 117, 35). Intervals are by bootstrap of the rows of
+both samples together.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.campaign import Progress, for_workers
 from dem_bridge.ensembles.draw import BLOCK, Variation
@@ -24,13 +25,10 @@ from dem_bridge.ensembles.solve import check_solvable, solve_chains, steps_for
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory import Floats
 
-if TYPE_CHECKING:
-    from scipy.stats._resampling import BootstrapResult
-
-#: part of an index's interval
+#: part of an index's interval, and least probability that the leading numbers contain the one of the largest index
 CONFIDENCE = 0.95
 #: resamplings of the bootstrap
-_RESAMPLES = 200
+_RESAMPLES = 1000
 #: reads the measures of many chains from their observables: ``(n_measure, n_chain)``
 Measures = Callable[[dict[str, Floats]], Floats]
 
@@ -46,6 +44,10 @@ class Indices:
     """``(2, n_measure, n_column)``: lower and upper end, 95 %."""
     total: Floats
     total_interval: Floats
+    leading: NDArray[np.bool_]
+    """Whether each number may have the largest first-order index: see :func:`may_be_largest`."""
+    sum_interval: Floats
+    """``(2, n_measure)``: lower and upper end, 95 %, of the sum of the first-order indices."""
     mean: Floats
     """Mean of each measure over the chains, ``(n_measure,)``."""
     deviation: Floats
@@ -72,7 +74,7 @@ def sobol_indices(
     measures : callable
         Reads measures, ``(n_measure, n_chain)``, from the observables of chains, without nan.
     base : int
-        Number n of base samples, a power of 2; ``n (d + 2)`` chains are solved for d numbers.
+        Number n of base samples, a power of 2; ``n (2 d + 2)`` chains are solved for d numbers.
     accuracy : float
         Relative accuracy of the observables of each chain.
     executor : concurrent.futures.Executor, optional
@@ -86,7 +88,6 @@ def sobol_indices(
         If ``base`` is no power of 2 from 2 on, or a chain has no value of a measure.
     """
     from scipy.stats import qmc
-    from scipy.stats import sobol_indices as estimate
 
     if isinstance(base, bool) or not isinstance(base, int) or base < 2 or base & (base - 1):
         raise UsageError(f"base = {base!r}; allowed: a power of 2 from 2 on, such as 256")
@@ -94,50 +95,94 @@ def sobol_indices(
     count = len(variation.columns)
     steps = steps_for(variation.scene, variation.block(0, PILOT), accuracy)
     sample = qmc.Sobol(2 * count, scramble=True, rng=np.random.default_rng(variation.seed)).random(base)
-    first, second = sample[:, :count], sample[:, count:]
-    mixed = np.repeat(first[None], count, axis=0)
-    mixed[np.arange(count), :, np.arange(count)] = second.T
-    uniform = np.concatenate([first, second, mixed.reshape(-1, count)])
+    uniform = _exchanged(sample[:, :count], sample[:, count:])
     values = _solved(variation, measures, uniform, steps, executor, progress)
     if np.any(np.isnan(values)):
         raise UsageError(
             f"{variation.scene.name}: {int(np.any(np.isnan(values), axis=0).sum())} of {values.shape[1]} chains lack a"
             " value of a measure, because the wave does not reach its place; give a longer duration or a smaller spread"
         )
-    rows = len(values)
-    deviation = values[:, : 2 * base].std(axis=1)
-    middle = values[:, : 2 * base].mean(axis=1)
+    deviation, mean = values.std(axis=1), values.mean(axis=1)
     # what varies by less than the error of the runs has no variance that could be explained: its indices are nan
-    varies = np.flatnonzero(deviation > 1e-2 * accuracy * np.abs(middle))
-    scaled = (values[varies] - middle[varies, None]) / deviation[varies, None]
-    samples = {
-        "f_A": scaled[:, :base],
-        "f_B": scaled[:, base : 2 * base],
-        "f_AB": scaled[:, 2 * base :].reshape(len(varies), count, base).transpose(1, 0, 2),
-    }
-    result = estimate(func=samples, n=base, rng=np.random.default_rng(variation.seed))
-    with np.errstate(invalid="ignore", divide="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # an index that no resampling changes has no interval: nan
-        interval = result.bootstrap(confidence_level=CONFIDENCE, n_resamples=_RESAMPLES)
-
-    def filled(part: Floats) -> Floats:
-        out = np.full((rows, count), np.nan)
-        out[varies] = part
-        return out
-
-    def ends(part: BootstrapResult) -> Floats:
-        return np.array([filled(part.confidence_interval.low), filled(part.confidence_interval.high)])
-
+    scale = np.where(deviation > 1e-2 * accuracy * np.abs(mean), deviation, np.nan)
+    scaled = ((values - mean[:, None]) / scale[:, None]).reshape(len(values), -1, base)
+    weights = np.random.default_rng(variation.seed).multinomial(base, np.full(base, 1.0 / base), _RESAMPLES) / base
+    quantiles = [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE]
+    estimates, ends, leading, sums = [], [], [], []
+    for blocks in scaled:
+        estimate, resampled = _estimates(blocks, np.full((1, base), 1.0 / base))[..., 0], _estimates(blocks, weights)
+        estimates.append(estimate)
+        ends.append(np.quantile(resampled, quantiles, axis=-1))
+        leading.append(may_be_largest(estimate[0], resampled[0]))
+        sums.append(np.quantile(np.sum(resampled[0], axis=0), quantiles))
+    (first, total), (first_interval, total_interval) = np.stack(estimates, 1), np.stack(ends, 2).swapaxes(0, 1)
     return Indices(
         columns=variation.columns,
-        first=filled(result.first_order),
-        first_interval=ends(interval.first_order),
-        total=filled(result.total_order),
-        total_interval=ends(interval.total_order),
-        mean=middle,
+        first=first,
+        first_interval=first_interval,
+        total=total,
+        total_interval=total_interval,
+        leading=np.array(leading),
+        sum_interval=np.stack(sums, 1),
+        mean=mean,
         deviation=deviation,
         chains=len(uniform),
     )
+
+
+def _exchanged(first: Floats, second: Floats) -> Floats:
+    """Return two samples, the first with each column of the second, and the second with each column of the first."""
+    count = first.shape[1]
+    blocks = [first, second]
+    for sample, other in ((first, second), (second, first)):
+        mixed = np.repeat(sample[None], count, axis=0)
+        mixed[np.arange(count), :, np.arange(count)] = other.T
+        blocks += list(mixed)
+    return np.concatenate(blocks)
+
+
+def _estimates(blocks: Floats, weights: Floats) -> Floats:
+    """Return first-order and total indices of a measure, ``(2, n_column, n_weight)``.
+
+    ``blocks`` are the values of :func:`_exchanged` without their mean, ``(2 n_column + 2, n_base)``; each of the
+    ``weights``, ``(n_weight, n_base)``, weighs the rows of the samples.
+    """
+    first, second, (mixed, other) = blocks[0], blocks[1], np.split(blocks[2:], 2)
+    terms = 0.5 * (first - mixed) * (other - second), 0.25 * ((first - mixed) ** 2 + (second - other) ** 2)
+    return np.asarray(np.stack(terms) @ weights.T / (np.mean(blocks**2, axis=0) @ weights.T))
+
+
+def may_be_largest(first: Floats, resampled: Floats) -> NDArray[np.bool_]:
+    """Return which of several estimated indices may be the largest.
+
+    For each index the hypothesis is tested that it is the largest: it is rejected where some other index exceeds it by
+    more than 95 % of the resamplings deviate, of all differences from this index, in their standard deviations. The
+    truly largest one is therefore among those that remain with a probability of 95 %, however many there are.
+
+    Parameters
+    ----------
+    first : ndarray, shape (n_column,)
+        The estimates.
+    resampled : ndarray, shape (n_column, n_resample)
+        Estimates from resampled data.
+
+    Examples
+    --------
+    >>> random = np.random.default_rng(0)
+    >>> first = np.array([0.50, 0.48, 0.02])
+    >>> may_be_largest(first, first[:, None] + 0.03 * random.standard_normal((3, 1000))).tolist()
+    [True, True, False]
+    """
+    remains = np.isfinite(first)
+    for nth in np.flatnonzero(remains):
+        excess = first - first[nth]
+        deviates = resampled - resampled[nth] - excess[:, None]
+        spread = np.std(deviates, axis=1)
+        others = spread > 0.0
+        if np.any(others):
+            largest = np.max(deviates[others] / spread[others, None], axis=0)
+            remains[nth] = np.max(excess[others] / spread[others]) <= np.quantile(largest, CONFIDENCE)
+    return remains
 
 
 def _solved(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Any
@@ -55,7 +56,7 @@ def study_sensitivity(
         Standard deviation: degrees, relative, or m.  [default: angle 0.5, mass 0.01, stiffness 0.05, velocity 0.01,
         gap 1e-6]
     base : int
-        Number of base samples, a power of 2; for d varied numbers base (d + 2) chains are solved.
+        Number of base samples, a power of 2; for d varied numbers base (2 d + 2) chains are solved.
     effect : float
         Wanted relative standard deviation of the arrival, for which the tolerance is computed.
     seed : int
@@ -75,7 +76,7 @@ def study_sensitivity(
 
     References
     ----------
-    Saltelli et al. (2010), *Comput. Phys. Commun.* 181, 259.
+    Owen (2013), *ACM Trans. Model. Comput. Simul.* 23, 11.
     """
     if vary not in VARIED:
         raise UsageError(f"vary = {vary!r}; allowed: {', '.join(VARIED)}")
@@ -105,7 +106,7 @@ def study_sensitivity(
         answer=(
             TEXTS("arrival", share=indices.deviation[0] / indices.mean[0], **texts),
             *(_largest(name, indices, row) for row, name in enumerate(MEASURES)),
-            TEXTS("interactions", sum=float(np.nansum(indices.first[0])), name=MEASURES[0]),
+            *_interactions(MEASURES[0], indices, 0),
             TEXTS("tolerance", effect=effect, allowed=allowed, confirmed=confirmed, count=_CHAINS, **texts),
         ),
         tables=(_table(indices), TEXTS.table("tolerance", tolerances, unit=unit)),
@@ -114,18 +115,38 @@ def study_sensitivity(
     )
 
 
-def _name(column: tuple[str, int]) -> str:
-    key, place = column
-    return f"{key} of {'body' if key in ('mass', 'velocity') else 'contact'} {place}"
+def _name(key: str, *places: int) -> str:
+    """Return the name of varied numbers.
+
+    >>> _name("angle", 3), _name("mass", 0, 2, 5)
+    ('angle of contact 3', 'mass of bodies 0, 2 and 5')
+    """
+    one, several = ("body", "bodies") if key in ("mass", "velocity") else ("contact", "contacts")
+    *firsts, last = map(str, places)
+    return f"{key} of {several} {', '.join(firsts)} and {last}" if firsts else f"{key} of {one} {last}"
 
 
 def _largest(name: str, indices: Indices, row: int) -> str:
-    """Return the sentence on the number that contributes most to a measure."""
-    most = int(np.argmax(indices.first[row]))
+    """Return the sentence on the numbers that may contribute most to a measure."""
+    if not np.any(indices.leading[row]):
+        return TEXTS("constant", name=name)
+    most = int(np.nanargmax(indices.first[row]))
     low, high = indices.first_interval[:, row, most]
-    return TEXTS(
-        "largest", name=name, column=_name(indices.columns[most]), share=indices.first[row, most], low=low, high=high
-    )
+    shares = {"share": indices.first[row, most], "low": low, "high": high}
+    key, place = indices.columns[most]
+    if np.sum(indices.leading[row]) == 1:
+        return TEXTS("largest", name=name, column=_name(key, place), **shares)
+    places = [indices.columns[column][1] for column in np.flatnonzero(indices.leading[row])]
+    texts = {"vary": key, "columns": _name(key, *places), "column": _name(key, place)}
+    return TEXTS("undecided", name=name, count=len(places), all=len(indices.columns), **texts, **shares)
+
+
+def _interactions(name: str, indices: Indices, row: int) -> Iterator[str]:
+    """Yield the sentence on the sum of the first-order indices, whose true value is at most 1; none without a sum."""
+    low, high = indices.sum_interval[:, row]
+    if np.isfinite(high):
+        total = float(np.sum(indices.first[row]))
+        yield TEXTS("interactions" if high < 1.0 else "additive", name=name, sum=total, low=low, high=high)
 
 
 def _tolerances(variation: Variation, spread: float, executor: Executor | None) -> list[tuple[float, float]]:
@@ -161,7 +182,7 @@ def _table(indices: Indices) -> Table:
         cells: list[float] = []
         for row in (0, 1):
             cells += [indices.first[row, column], *indices.first_interval[:, row, column], indices.total[row, column]]
-        rows.append((_name(which), *map(float, cells)))
+        rows.append((_name(*which), *map(float, cells)))
     return TEXTS.table("indices", rows)
 
 

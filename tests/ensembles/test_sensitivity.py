@@ -9,7 +9,7 @@ import pytest
 from scipy.special import ndtr
 
 from dem_bridge.ensembles.draw import Variation
-from dem_bridge.ensembles.sensitivity import sobol_indices
+from dem_bridge.ensembles.sensitivity import _estimates, _exchanged, may_be_largest, sobol_indices
 from dem_bridge.ensembles.solve import solve_chains, steps_for
 from dem_bridge.errors import UsageError
 from dem_bridge.scene import Scene
@@ -45,7 +45,7 @@ def test_indices_are_those_of_quadrature() -> None:
     assert indices.first == pytest.approx(first, abs=0.015)
     assert indices.total == pytest.approx(total, abs=0.015)
     assert np.all((indices.first_interval[0] <= first + 1e-3) & (first - 1e-3 <= indices.first_interval[1]))
-    assert indices.chains == 512 * 4
+    assert indices.chains == 512 * 6
     # a planted fault: the columns exchanged
     assert np.max(np.abs(indices.first[:, ::-1] - first)) > 0.1
 
@@ -73,3 +73,36 @@ def test_a_measure_that_does_not_vary_has_no_indices() -> None:
     )
     assert np.all(np.isfinite(indices.first[0]))
     assert np.all(np.isnan(indices.first[1]))
+
+
+def _named(shares: Any, base: int, seeds: int) -> tuple[Any, Any]:
+    """Return which numbers are named, and which has the largest estimate, ``(seed, number)``.
+
+    The measure is a sum of normal numbers with these shares of its variance, and of a product of two of them.
+    """
+    named, largest = [], []
+    count, factors = len(shares), np.sqrt(shares)
+    for seed in range(seeds):
+        random = np.random.default_rng(seed)
+        sample = _exchanged(*random.standard_normal((2, base, count)))
+        values = sample @ factors + 0.3 * sample[:, 0] * sample[:, 1]
+        blocks = (values - values.mean()).reshape(-1, base)
+        weights = random.multinomial(base, np.full(base, 1.0 / base), 400) / base
+        first = _estimates(blocks, np.full((1, base), 1.0 / base))[0, :, 0]
+        named.append(may_be_largest(first, _estimates(blocks, weights)[0]))
+        largest.append(first == first.max())
+    return np.array(named), np.array(largest)
+
+
+def test_the_named_numbers_contain_the_one_of_the_largest_index() -> None:
+    # 20 numbers, three of which nearly tie
+    named, largest = _named(np.array([0.1, 0.095, 0.09, *np.linspace(0.06, 0.01, 17)]), 64, 100)
+    # 95 of 100 are stated; fewer than 87 have a probability of 1e-4
+    assert np.sum(named[:, 0]) >= 87
+    # the planted fault: the largest estimate alone
+    assert np.sum(largest[:, 0]) < 80
+    # numbers far below the largest are not named
+    assert np.sum(named[:, -1]) <= 10
+    decided, _ = _named(np.array([0.3, *np.full(9, 0.05)]), 256, 20)
+    assert np.all(decided[:, 0])
+    assert np.mean(np.sum(decided, axis=1)) < 1.3
