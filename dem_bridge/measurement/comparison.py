@@ -2,7 +2,9 @@
 
 ``u_val = sqrt(u_num^2 + u_input^2 + u_D^2)``; the error of the model lies within ``E +- k u_val``. Errors of parameters
 act on all values at once, so the values are also compared jointly: by ``E^T V^-1 E`` with the covariance ``V`` of all
-errors, whose distribution is chi-square if the model is right.
+errors, whose distribution is chi-square if the model is right. ``E`` and ``V`` are those of the linear model that
+touches the simulation at the parameters that agree best with the measurement (:mod:`dem_bridge.measurement.adjust`).
+No number of samples enters.
 
 References
 ----------
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from dem_bridge.campaign import Progress
+from dem_bridge.measurement.adjust import adjust
 from dem_bridge.measurement.parameters import Parameter
 from dem_bridge.measurement.prediction import Prediction
 from dem_bridge.measurement.readings import Reading
@@ -101,10 +104,16 @@ class Comparison:
     """``u_input``: standard deviation over the samples of the parameters."""
     data: Floats
     """``u_D``: of the values themselves, and of gain and time of the measurement."""
-    of_parameters: Floats
-    """Errors by the parameters of the scene, ``(n, n_sample)``: their covariance is the product with the transpose."""
+    of_samples: Floats
+    """Changes by samples of the parameters of the scene, ``(n, n_sample)``: ``input^2`` is the sum of their squares."""
     of_measurement: Floats
-    """Errors by the parameters of the measurement, ``(n, n_parameter)``, in the same sense."""
+    """Changes by one standard uncertainty of each parameter of the measurement, ``(n, n_parameter)``."""
+    linear_error: Floats
+    """``E`` of the linear model at the adjusted parameters; ``E = S - D`` itself for a linear simulation."""
+    slopes: Floats
+    """Derivatives of that model by one standard uncertainty of each parameter, ``(n, n_parameter)``."""
+    linear: bool
+    """Whether that model holds within the uncertainties of the adjusted parameters: joint statistics are chi-square."""
     noise: Floats
     """Standard uncertainties of the values themselves."""
     count: int
@@ -146,8 +155,7 @@ class Comparison:
         """Return the joint comparison of all values of a quantity, or of all."""
         rows = self.of(quantity)
         sigma = np.hypot(self.noise, self.numerical)[rows]
-        factor = np.hstack([self.of_parameters, self.of_measurement])[rows]
-        whitened = Whitening(sigma, factor)(self.error[rows])
+        whitened = Whitening(sigma, self.slopes[rows])(self.linear_error[rows])
         return Joint(statistic=float(np.sum(whitened**2)), count=int(np.sum(rows)))
 
     def decides(self, quantity: str, coverage: float) -> bool:
@@ -171,22 +179,39 @@ def compare(
     seed: int,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Compare the readings of a prediction with it; ``count`` samples of the uncertain parameters are run."""
+    """Compare the readings of a prediction with it.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        The scene, its run and the readings.
+    parameters : sequence of Parameter
+        The uncertain parameters.
+    count, seed : int
+        Number and seed of the samples of the parameters, by which ``u_input`` of single values is estimated.
+    progress : callable, optional
+        Function that is called with (done, total, label).
+    """
     readings = prediction.readings
     noise = np.concatenate([reading.uncertainty for reading in readings])
     of_scene = [parameter for parameter in parameters if not parameter.of_measurement]
     _, changes = prediction.samples(of_scene, count=count, seed=seed, progress=progress)
     spread = (changes - np.mean(changes, axis=0)) / np.sqrt(count - 1.0)
     systematic = measurement_effects(prediction, parameters)
+    measured = np.concatenate([reading.value for reading in readings])
+    adjusted = adjust(prediction, parameters, measured, np.hypot(noise, prediction.numerical))
     return Comparison(
         readings=readings,
         simulated=prediction.simulated,
-        measured=np.concatenate([reading.value for reading in readings]),
+        measured=measured,
         numerical=prediction.numerical,
         input=np.sqrt(np.sum(spread**2, axis=0)),
         data=np.sqrt(noise**2 + np.sum(systematic**2, axis=1)),
-        of_parameters=spread.T if of_scene else np.zeros((len(noise), 0)),
+        of_samples=spread.T if of_scene else np.zeros((len(noise), 0)),
         of_measurement=systematic,
+        linear_error=adjusted.linear - measured,
+        slopes=adjusted.slopes,
+        linear=adjusted.decides(),
         noise=noise,
         count=count,
     )

@@ -1,20 +1,21 @@
 """Fit named parameters of a scene to measured values, with 95 % intervals by the likelihood.
 
-The likelihood has the standard uncertainties of the values and, to first order, those of all declared parameters that
-are not fitted. The declared uncertainty of a fitted parameter is not used: the fit is what the measurement says alone.
+The likelihood has the standard uncertainties of the values and those of all declared parameters that are not fitted:
+these are adjusted together with the fitted ones. The declared uncertainty of a fitted parameter is not used: the fit is
+what the measurement says alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import brentq
 from scipy.stats import chi2, norm
 
 from dem_bridge.errors import UsageError
+from dem_bridge.measurement.adjust import adjust, derivatives
 from dem_bridge.measurement.comparison import Joint, Whitening
 from dem_bridge.measurement.parameters import Parameter
 from dem_bridge.measurement.prediction import Prediction
@@ -22,8 +23,6 @@ from dem_bridge.trajectory import Floats
 
 #: confidence level of the intervals
 LEVEL = 0.95
-#: step of numeric derivatives, in declared standard uncertainties
-STEP = 0.1
 #: least singular value of the scaled derivatives, relative to the largest, at which the values determine all parameters
 LEAST_RANK = 1e-3
 
@@ -81,53 +80,47 @@ def fit_parameters(
     -------
     Fit
     """
-    sizes = np.array([parameter.uncertainty for parameter in parameters])
+    sizes, count = np.array([parameter.uncertainty for parameter in parameters]), len(parameters)
+    everything = [*parameters, *others]
     sigma = np.hypot(noise, prediction.numerical)
-    factor = _derivatives(prediction, others, np.zeros(len(others)))
-    white = Whitening(sigma, factor)
-
-    def misfit(x: Floats) -> Floats:
-        return white(prediction.at(parameters, (x * sizes).tolist()) - measured)
-
-    def slopes(x: Floats) -> Floats:
-        return white(_derivatives(prediction, parameters, x))
-
-    start = slopes(np.zeros(len(parameters)))
-    names = _undetermined(start, parameters)
-    result = None
-    if not names:
-        # far off, the best values may be none that a scene can have
-        with suppress(UsageError):
-            result = least_squares(misfit, np.zeros(len(parameters)), jac=slopes, x_scale="jac", xtol=1e-6, ftol=1e-10)
-            names = _undetermined(result.jac, parameters)
-    if result is None or names:
-        joint = Joint(statistic=float(np.sum(misfit(np.zeros(len(parameters))) ** 2)), count=len(noise))
+    names = _undetermined(derivatives(prediction, everything, np.zeros(len(everything))), sigma, parameters)
+    if names:
+        return _nothing(prediction, others, measured, sigma, names)
+    adjusted = adjust(prediction, everything, measured, sigma, free=count)
+    names = _undetermined(adjusted.slopes, sigma, parameters)
+    if names or not adjusted.converged:  # far off, the best values may be none that a scene can have
         names = names or tuple(parameter.name for parameter in parameters)
-        return Fit(fitted=(), joint=joint, correlation=1.0, values=prediction.simulated, undetermined=names)
-    covariance = np.linalg.inv(result.jac.T @ result.jac)
-    errors = np.sqrt(np.diag(covariance))
-    least = float(np.sum(result.fun**2))
+        return _nothing(prediction, others, measured, sigma, names)
+    every = np.linalg.inv(adjusted.jacobian.T @ adjusted.jacobian)
+    least = float(np.sum(adjusted.residuals(adjusted.x) ** 2))
     fitted = []
     for k, parameter in enumerate(parameters):
+        error = float(np.sqrt(every[k, k]))
         # the direction along which the other parameters stay at their best, to first order
-        direction = covariance[:, k] / errors[k]
-        ends = [_end(misfit, result.x, side * direction, least) for side in (-1.0, 1.0)]
-        low, high = (sizes[k] * (result.x[k] + end * errors[k]) for end in (-ends[0], ends[1]))
-        change, uncertainty = float(sizes[k] * result.x[k]), float(sizes[k] * errors[k])
-        fitted.append(
-            Fitted(parameter=parameter, change=change, uncertainty=uncertainty, low=float(low), high=float(high))
-        )
-    correlation = np.abs(covariance / np.outer(errors, errors) - np.eye(len(errors)))
+        ends = [_end(adjusted.residuals, adjusted.x, side * every[:, k] / error, least) for side in (-1.0, 1.0)]
+        low, high = (float(sizes[k] * (adjusted.x[k] + end * error)) for end in (-ends[0], ends[1]))
+        change, uncertainty = float(sizes[k] * adjusted.x[k]), float(sizes[k] * error)
+        fitted.append(Fitted(parameter=parameter, change=change, uncertainty=uncertainty, low=low, high=high))
+    x, covariance = adjusted.x[:count], every[:count, :count]
+    errors = np.sqrt(np.diag(covariance))
     return Fit(
         fitted=tuple(fitted),
-        joint=Joint(statistic=least, count=max(1, len(noise) - len(parameters))),
-        correlation=float(np.max(correlation)),
-        values=prediction.at(parameters, (result.x * sizes).tolist()),
+        joint=Joint(statistic=least, count=max(1, len(noise) - count)),
+        correlation=float(np.max(np.abs(covariance / np.outer(errors, errors) - np.eye(count)))),
+        values=prediction.at(parameters, (x * sizes).tolist()),
         # in declared uncertainties, whose own covariance is 1
-        declared=Joint(
-            statistic=float(result.x @ np.linalg.solve(covariance + np.eye(len(sizes)), result.x)), count=len(sizes)
-        ),
+        declared=Joint(statistic=float(x @ np.linalg.solve(covariance + np.eye(count), x)), count=count),
     )
+
+
+def _nothing(
+    prediction: Prediction, others: Sequence[Parameter], measured: Floats, sigma: Floats, names: tuple[str, ...]
+) -> Fit:
+    """Return a fit without fitted parameters, because the values do not determine some."""
+    errors = prediction.simulated - measured
+    white = Whitening(sigma, derivatives(prediction, others, np.zeros(len(others))))
+    joint = Joint(statistic=float(np.sum(white(errors) ** 2)), count=len(errors))
+    return Fit(fitted=(), joint=joint, correlation=1.0, values=prediction.simulated, undetermined=names)
 
 
 def chosen(parameters: Sequence[Parameter], names: Sequence[str] | None) -> tuple[list[Parameter], list[Parameter]]:
@@ -152,19 +145,12 @@ def chosen(parameters: Sequence[Parameter], names: Sequence[str] | None) -> tupl
     )
 
 
-def _derivatives(prediction: Prediction, parameters: Sequence[Parameter], x: Floats) -> Floats:
-    """Return the change of the values by one standard uncertainty of each parameter, ``(n, n_parameter)``."""
-    sizes = np.array([parameter.uncertainty for parameter in parameters])
-    columns = []
-    for k in range(len(parameters)):
-        step = STEP * np.eye(len(parameters))[k]
-        late, early = (prediction.at(parameters, ((x + side * step) * sizes).tolist()) for side in (1.0, -1.0))
-        columns.append((late - early) / (2.0 * STEP))
-    return np.stack(columns, axis=1) if columns else np.zeros((len(prediction.simulated), 0))
+def _undetermined(slopes: Floats, sigma: Floats, parameters: Sequence[Parameter]) -> tuple[str, ...]:
+    """Return the names of parameters that values do not determine together; empty if they do.
 
-
-def _undetermined(slopes: Floats, parameters: Sequence[Parameter]) -> tuple[str, ...]:
-    """Return the names of parameters that values with these derivatives do not determine together; empty if they do."""
+    ``slopes`` are derivatives by these parameters, then by the others, whose effects are errors of the values.
+    """
+    slopes = Whitening(sigma, slopes[:, len(parameters) :])(slopes[:, : len(parameters)])
     lengths = np.linalg.norm(slopes, axis=0)
     if not np.all(lengths > 0.0):
         return tuple(item.name for item, length in zip(parameters, lengths, strict=True) if not length > 0.0)

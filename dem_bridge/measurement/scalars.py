@@ -109,7 +109,7 @@ def _pulse(prediction: Prediction, comparison: Comparison, reading: Reading) -> 
         return []
     # factor and shift are linear functionals of the values, and so are their errors
     functional = np.linalg.pinv(columns) / noise * np.array([[peak], [pace]])
-    inputs, systematic = (functional @ part[rows] for part in (comparison.of_parameters, comparison.of_measurement))
+    inputs, systematic = (functional @ part[rows] for part in (comparison.of_samples, comparison.of_measurement))
     finite = bool(np.all(np.isfinite(comparison.numerical[rows])))
     numerical = np.abs(functional) @ comparison.numerical[rows] if finite else np.full(2, np.inf)
     of_input = np.sqrt(np.sum(inputs**2, axis=1))
@@ -145,15 +145,15 @@ def joint_of(scalars: Iterable[Scalar], comparison: Comparison) -> Joint | None:
     pulses = [item for item in scalars if len(item.weights) and np.isfinite(item.numerical)]
     if not pulses:
         return None
-    effects = np.hstack([comparison.of_parameters, comparison.of_measurement])
     rows = [comparison.rows(item.reading) for item in pulses]
-    factor = np.stack([item.weights @ effects[row] for item, row in zip(pulses, rows, strict=True)])
+    factor = np.stack([item.weights @ comparison.slopes[row] for item, row in zip(pulses, rows, strict=True)])
+    errors = np.array([item.weights @ comparison.linear_error[row] for item, row in zip(pulses, rows, strict=True)])
     covariance = factor @ factor.T + np.diag([item.numerical**2 for item in pulses])
     for i, item in enumerate(pulses):
         for j, other in enumerate(pulses):
             if item.reading is other.reading:
                 covariance[i, j] += np.sum(item.weights * other.weights * comparison.noise[rows[i]] ** 2)
-    errors, scale = np.array([item.error for item in pulses]), np.sqrt(np.diag(covariance))
+    scale = np.sqrt(np.diag(covariance))
     scaled = errors / scale
     statistic = scaled @ np.linalg.solve(covariance / np.outer(scale, scale), scaled)
     return Joint(statistic=float(statistic), count=len(pulses))

@@ -122,7 +122,7 @@ def study_measurement(
     scalars = scalars_of(prediction, compared)
     verdicts = [_verdict(scene, compared, scalars, quantity, coverage, backend) for quantity in _quantities(readings)]
     if fitted is not None and fitted.declared is not None:
-        verdicts.append(_verdict_on_parameters(scene, fitted, fitted.declared, coverage, backend))
+        verdicts.append(_verdict_on_parameters(scene, fitted, fitted.declared, coverage, backend, compared.linear))
     what = {"scene": scene.name, "name": measurement.name, "k": f"{coverage:g}"}
     return TEXTS.study(
         {**what, "source": measurement.source or "not stated", "samples": samples},
@@ -189,7 +189,8 @@ def _verdict(
     # two tests: the smaller probability counts twice
     p = values.p if pulses is None else min(1.0, 2.0 * min(values.p, pulses.p))
     scale = float(np.max(np.abs(compared.simulated[rows]))) or 1.0
-    outcome = _outcome(p, coverage) if compared.decides(quantity, coverage) else Outcome.UNDECIDED
+    outcome = _outcome(p, coverage, compared.linear) if compared.decides(quantity, coverage) else Outcome.UNDECIDED
+    nonlinear = not compared.linear and outcome is Outcome.UNDECIDED
     error, validation = (
         float(np.sqrt(np.mean(part[rows] ** 2))) / scale for part in (compared.error, compared.validation)
     )
@@ -200,7 +201,13 @@ def _verdict(
         backend=backend,
         reference="measurement",
         outcome=outcome,
-        sentence=TEXTS(_SENTENCES[outcome][0], quantity=words, error=error, validation=validation, p=p),
+        sentence=TEXTS(
+            "nonlinear" if nonlinear else _SENTENCES[outcome][0],
+            quantity=words,
+            error=error,
+            validation=validation,
+            p=p,
+        ),
         difference=error,
         scale=scale,
         unit=QUANTITIES[quantity].unit,
@@ -216,9 +223,11 @@ def _joints(compared: Comparison, scalars: Sequence[Scalar], quantity: str) -> t
     return compared.joint(quantity), joint_of([item for item in scalars if item.reading.quantity == quantity], compared)
 
 
-def _verdict_on_parameters(scene: Scene, fitted: Fit, declared: Joint, coverage: float, backend: str) -> Verdict:
+def _verdict_on_parameters(
+    scene: Scene, fitted: Fit, declared: Joint, coverage: float, backend: str, linear: bool
+) -> Verdict:
     """Return the verdict on the fitted parameters: whether the scene's values have their declared uncertainties."""
-    outcome, p = _outcome(declared.p, coverage), declared.p
+    outcome, p = _outcome(declared.p, coverage, linear), declared.p
     names = ", ".join(item.parameter.name for item in fitted.fitted)
     largest = max(fitted.fitted, key=lambda item: abs(item.change) / item.parameter.uncertainty)
     return Verdict(
@@ -238,12 +247,16 @@ def _verdict_on_parameters(scene: Scene, fitted: Fit, declared: Joint, coverage:
     )
 
 
-def _outcome(p: float, coverage: float) -> Outcome:
-    """Return PASS, UNDECIDED or MODEL_DIFFERENCE; the limits are those of :data:`BEYOND`."""
+def _outcome(p: float, coverage: float, linear: bool) -> Outcome:
+    """Return PASS, UNDECIDED or MODEL_DIFFERENCE; the limits are those of :data:`BEYOND`.
+
+    Where the simulation is not linear (:attr:`Comparison.linear`), the statistic is at least that of chi-square: such a
+    value still shows agreement, but no difference.
+    """
     deviations = deviations_of(p)
     if deviations <= coverage:
         return Outcome.PASS
-    return Outcome.UNDECIDED if deviations <= coverage + BEYOND else Outcome.MODEL_DIFFERENCE
+    return Outcome.UNDECIDED if deviations <= coverage + BEYOND or not linear else Outcome.MODEL_DIFFERENCE
 
 
 def _answer(

@@ -62,7 +62,7 @@ def main() -> None:
             covered, (parameters[:1], parameters[:1], parameters), ((), parameters[1:], ()), strict=True
         ):
             # an uncertain start velocity acts on all values by its declared uncertainty
-            extra = start.of_parameters @ random.standard_normal(100) if others else 0.0
+            extra = start.of_samples @ random.standard_normal(100) if others else 0.0
             best = fit_parameters(prediction, fit, others, biased + noise + extra, own).fitted
             covered[name] += best[0].low < BIAS < best[0].high
             if len(best) == 2:
