@@ -40,12 +40,12 @@ class PulseWidth:
     by_duration: Floats
     """Bodies: the time above half force over the time that the front takes per contact there; nan at both ends."""
     rise: Floats
-    """s: when the force of the contact reaches half its first peak."""
+    """s: when the force of the contact reaches the share of its first peak, which is half unless another is asked."""
     fall: Floats
-    """s: when it is back at half."""
+    """s: when it is back at it."""
 
 
-def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
+def pulse_width_by_force(scene: Scene, trajectory: Trajectory, *, share: float = 0.5) -> PulseWidth:
     """Return the full width of the leading pulse at half force, in bodies, as each contact of the chain has its peak.
 
     The front edge is where contacts have just reached half their own first peak, the rear edge where they are back at
@@ -53,7 +53,7 @@ def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
     In a solitary wave that is the full width of the force profile at half its peak, 1.412 bodies for n = 5/2
     (``SolitaryWave.width`` of :mod:`dem_bridge.physics.solitary`), and ``fall - rise`` is its duration. A struck
     uniform chain gives it to 3e-6 with 2 samples per residence time and to 1e-7 with 4, where what is left is the
-    spline's. Forces are the elastic ones.
+    spline's. Forces are the elastic ones. With another ``share`` the width is that at this part of the peak.
 
     >>> import dem_bridge as db
     >>> scene = db.load_scene("accelerating-40")
@@ -73,7 +73,7 @@ def pulse_width_by_force(scene: Scene, trajectory: Trajectory) -> PulseWidth:
     def force(when: Floats) -> Floats:
         return c.force(np.maximum(hermite(trajectory, overlap, closing, when), 0.0), of_chain)
 
-    half = 0.5 * force(peak_time)
+    half = share * force(peak_time)
     low = c.force(np.maximum(overlap, 0.0), of_chain) < half
     number = np.arange(len(time))[:, None]
     before = np.max(np.where(low & (time[:, None] < peak_time), number, -1), axis=0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import NamedTuple
 
 from markupsafe import Markup, escape
 
@@ -19,26 +20,29 @@ SEVERITY = (
     Outcome.MODEL_DIFFERENCE,
     Outcome.PASS,
 )
-#: names of the outcomes of claims
-CLAIMED = {
-    Outcome.PASS: "holds",
-    Outcome.FAIL: "does not hold",
-    Outcome.UNDECIDED: "undecided",
-    Outcome.MODEL_DIFFERENCE: "approximation",
-    Outcome.NOT_RUN: "not run",
-    Outcome.BROKEN: "run broke",
+
+
+class Kind(NamedTuple):
+    """Hold how a page shows a kind of claims."""
+
+    name: str
+    mark: str
+    """A sign that keeps its meaning without colour."""
+    colour: Outcome
+    """The outcome that has the same colour."""
+
+
+#: kinds of claims, in the order in which they are counted
+KINDS = {
+    "holds": Kind("holds", "✓", Outcome.PASS),
+    "print": Kind("wrong in print", "✗", Outcome.FAIL),
+    "theory": Kind("theory off", "≈", Outcome.MODEL_DIFFERENCE),
+    "limit": Kind("exceeds our limit", "↑", Outcome.FAIL),
+    "undecided": Kind("undecided", "?", Outcome.UNDECIDED),
+    "not run": Kind("not run", "–", Outcome.NOT_RUN),
 }
 #: letters of formulas
 _GREEK = {"beta": "β", "gamma": "γ", "mu": "μ"}
-#: marks of the outcomes of claims, which keep their meaning without colour
-MARKS = {
-    Outcome.PASS: "✓",
-    Outcome.FAIL: "✗",
-    Outcome.UNDECIDED: "?",
-    Outcome.MODEL_DIFFERENCE: "≈",
-    Outcome.NOT_RUN: "–",
-    Outcome.BROKEN: "!",
-}
 
 
 def numeric(table: Table, column: int) -> bool:

@@ -26,10 +26,8 @@ def _environment() -> Environment:
     environment.filters |= {
         "by_backend": cells.by_backend,
         "alternative_text": alternative_text,
-        "claimed": lambda outcome: cells.CLAIMED[outcome],
         "digits": lambda value: cells.digits_of(value.value, value.uncertainty),
         "inline": lambda svg, name, alt: Markup(inline(svg, name, alt)),
-        "mark": lambda outcome: cells.MARKS[outcome],
         "number": cells.number,
         "numeric": cells.numeric,
         "sortable": cells.sortable,

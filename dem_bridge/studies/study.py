@@ -50,6 +50,31 @@ class ClaimValue:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Margin:
+    """Hold over which criteria and in which windows the outcome of a claim stays."""
+
+    sentence: str
+    """The range of the criterion, and the other windows."""
+    changes: str = ""
+    """What changes the outcome within reason: a limit within a quarter of ours, another window or definition."""
+    quantity: str = ""
+    """What the criterion limits; empty where there is no number to limit."""
+    limit: float = float("nan")
+    """Our limit of the quantity."""
+    changes_at: float = float("nan")
+    """The limit at which the outcome changes: the value of the quantity in our window."""
+    window: str = ""
+    """Our window; empty where there is one reading only."""
+    windows: tuple[tuple[str, float], ...] = ()
+    """Other windows, with the value of the quantity there."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the fields; a number that is not finite is None."""
+        windows = [{"window": name, "value": plain(value)} for name, value in self.windows]
+        return {key: plain(value) for key, value in vars(self).items()} | {"windows": windows}
+
+
+@dataclass(frozen=True, kw_only=True)
 class Claim:
     """A statement of the paper with what was found.
 
@@ -66,11 +91,15 @@ class Claim:
     """What was found, with the number that decides."""
     short: str = ""
     """The number that was found and the criterion, in a few words."""
+    kind: str = ""
+    """How the page counts it: "holds", "print", "theory", "limit", "undecided" or "not run"."""
+    margin: Margin | None = None
     values: tuple[ClaimValue, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields, the values as mappings."""
-        return vars(self) | {"values": [value.as_json() for value in self.values]}
+        margin = None if self.margin is None else self.margin.as_json()
+        return vars(self) | {"margin": margin, "values": [value.as_json() for value in self.values]}
 
 
 @dataclass(frozen=True, kw_only=True)

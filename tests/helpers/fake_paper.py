@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dem_bridge.studies.paper.claims import KINDS
 from dem_bridge.studies.paper.study import claims_table
 from dem_bridge.studies.study import Claim, ClaimValue, FigureData, Map, Panel, Series, Table
 from dem_bridge.studies.verification import Verification, verification_of
@@ -84,6 +85,7 @@ def _claim(i: int) -> Claim:
         statement=_STATEMENT[i % len(_STATEMENT)],
         outcome=outcome,
         sentence=_SENTENCE[i % len(_SENTENCE)],
+        kind=KINDS.get(outcome, "limit"),
         values=() if outcome is Outcome.NOT_RUN else values,
     )
 

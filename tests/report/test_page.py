@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+from collections import Counter
 from dataclasses import replace
 from html import escape, unescape
 from pathlib import Path
@@ -19,7 +20,7 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.campaign import Result
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.report.cells import digits_of, number, sortable, typeset
+from dem_bridge.report.cells import KINDS, digits_of, number, sortable, typeset
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import compress_png
@@ -28,7 +29,7 @@ from dem_bridge.report.page import write_study
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene import Damping, Scene
-from dem_bridge.studies.study import Study
+from dem_bridge.studies.study import Claim, Study
 from dem_bridge.studies.verification import SCHEMA, Verification, verification_of
 from dem_bridge.studies.verify import plan_scene
 from dem_bridge.verification.assess import SceneStudy, assess_scene
@@ -248,9 +249,12 @@ def test_the_strip_of_claims_keeps_its_meaning_without_colour(whole: Path) -> No
     text, paper = _text(whole), fake_paper()
     [strip] = re.findall(r'<ol class="strip">(.*?)</ol>', text, re.DOTALL)
     cells = re.findall(r'<a class="cell (\w+)" href="#claim-([^"]+)".*?</span>(.)<span class="spoken">', strip)
-    assert [(outcome, id) for outcome, id, _ in cells] == [(claim.outcome.value, claim.id) for claim in paper.claims]
-    marks = {outcome: mark for outcome, _, mark in cells}
-    assert len(set(marks.values())) == len(marks) == 5
+    kinds = [KINDS[claim.kind] for claim in paper.claims]
+    assert cells == [(kind.colour.value, claim.id, kind.mark) for kind, claim in zip(kinds, paper.claims, strict=True)]
+    assert len({kind.mark for kind in KINDS.values()}) == len(KINDS) == 6
+    [legend] = re.findall(r'<p class="legend">(.*?)</p>', text, re.DOTALL)
+    counts = Counter(claim.kind for claim in paper.claims)
+    assert [f"{KINDS[kind].name} ({counts[kind]})" in legend for kind in counts] == [True] * len(counts)
 
 
 def test_every_picture_is_a_vector_with_an_alternative_text_and_letters_of_8_points(whole: Path) -> None:
@@ -311,14 +315,12 @@ def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(pictures: Store, tmp
 
 def test_every_claim_has_its_anchor_its_words_and_its_values(whole: Path) -> None:
     text = _text(whole)
-    words = {"PASS": "holds", "FAIL": "does not hold", "UNDECIDED": "undecided", "MODEL_DIFFERENCE": "approximation"}
-    words["NOT_RUN"] = "not run"
     for claim in fake_paper().claims:
         [body] = re.findall(rf'<tbody id="claim-{claim.id}">(.*?)</tbody>\n(?:<tbody|</table></div>)', text, re.DOTALL)
         assert f'href="#claim-{claim.id}"' in text
         for part in (_escaped(claim.where), typeset(claim.statement), typeset(claim.sentence)):
             assert part in body
-        assert f'">{words[claim.outcome]}</td>' in body
+        assert f'">{KINDS[claim.kind].name}</td>' in body
         assert body.count("<tr>") == 2 + 2 * bool(claim.values)  # one quantity, by six codes
         for value in claim.values:
             assert f'<th class="n">{value.backend}</th>' in body
@@ -345,7 +347,7 @@ def test_what_is_drawn_and_tabled_lies_beside_the_page_in_full_precision(whole: 
 def test_claims_stand_in_the_json_without_nan(whole: Path) -> None:
     record = json.loads((whole / "verdicts.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     assert len(record["claims"]) == 20
-    assert set(record["claims"][0]) == {"id", "where", "statement", "outcome", "sentence", "short", "values"}
+    assert set(record["claims"][0]) == set(Claim.__dataclass_fields__)
     printed, reference, *_ = record["claims"][0]["values"]
     assert printed["uncertainty"] is None
     assert reference["uncertainty"] == 1e-10

@@ -48,7 +48,7 @@ def test_a_claim_as_json_has_null_for_what_is_no_number() -> None:
         id="one", where="section 1", statement="It is.", outcome=Outcome.PASS, sentence="1.5 s.", values=values
     )
     found = json.loads(json.dumps(claim.as_json(), allow_nan=False))
-    assert set(found) == {"id", "where", "statement", "outcome", "sentence", "short", "values"}
+    assert set(found) == {"id", "where", "statement", "outcome", "sentence", "short", "kind", "margin", "values"}
     assert found["outcome"] == "PASS"
     assert found["values"][0] == {"name": "x", "backend": "reference", "value": 1.5, "uncertainty": 1e-9, "unit": "s"}
     assert [(one["value"], one["uncertainty"]) for one in found["values"][1:]] == [(None, None), (2.0, None)]

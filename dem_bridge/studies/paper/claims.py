@@ -16,13 +16,20 @@ from typing import Any
 from dem_bridge.studies.paper.measures import Measure, inside, measured
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.studies.paper.texts import CLAIMS
-from dem_bridge.studies.study import Claim, ClaimValue
+from dem_bridge.studies.study import Claim, ClaimValue, Margin
 from dem_bridge.studies.texts import fill
 from dem_bridge.verification.roles import REFERENCE
 from dem_bridge.verification.verdict import Outcome
 
 #: backends whose values decide the outcome, as far as they have run
 DECIDE = (REFERENCE, "lammps")
+#: how the page counts claims that do not fail; one that fails is counted by its cause ("print", "theory", "limit")
+KINDS = {
+    Outcome.PASS: "holds",
+    Outcome.MODEL_DIFFERENCE: "theory",
+    Outcome.UNDECIDED: "undecided",
+    Outcome.NOT_RUN: "not run",
+}
 #: backends whose values stand in sentences beside those that decide
 BESIDE = ("ode45", "bca", "adiabatic")
 
@@ -71,6 +78,7 @@ def claim(
     outcome: Outcome,
     *values: ClaimValue | Iterable[ClaimValue],
     each: Iterable[Mapping[str, Any]] = (),
+    more: Mapping[str, Any] | None = None,
     **numbers: Any,
 ) -> Claim:
     """Return a claim with its texts.
@@ -84,17 +92,28 @@ def claim(
     values : ClaimValue or iterables of them
     each : iterable of mappings
         Numbers of the text ``each``, once for every part of the claim.
+    more : mapping, optional
+        Numbers of the text ``more``, which follows the sentence; None where runs for it are missing.
     numbers
         Numbers of the sentence.
 
     """
     text, sentence, short = CLAIMS[id], "The runs from which this is read are missing.", ""
+    margin = None
     if outcome is not Outcome.NOT_RUN:
-        parts = list(each)
-        joined = text.get("join", " and ").join(fill(text.get("each", ""), **part) for part in parts)
-        sentence = fill(text["sentence"], each=joined, **numbers)
-        *most, last = [fill(text.get("short_each", ""), **part) for part in parts] or [""]
+        parts, join = list(each), text.get("join", " and ")
+
+        def filled(key: str) -> list[str]:
+            return [fill(text.get(key, ""), **part) for part in parts]
+
+        sentence = fill(text["sentence"], each=join.join(filled("each")), **numbers)
+        if more is not None:
+            sentence += " " + fill(text["more"], **more)
+        *most, last = filled("short_each") or [""]
         short = fill(text["short"], each=" and ".join(filter(None, [", ".join(most), last])), **numbers)
+        if "margin" in text:
+            words = fill(text["margin"], each=join.join(filled("margin_each")), **numbers)
+            margin = Margin(sentence=words, changes=text.get("changes", ""))
     flat = [item for value in values for item in ([value] if isinstance(value, ClaimValue) else value)]
     return Claim(
         id=id,
@@ -103,6 +122,8 @@ def claim(
         outcome=outcome,
         sentence=sentence,
         short=short,
+        kind=KINDS.get(outcome) or text.get("fails_by", "print" if "printed" in text else "limit"),
+        margin=margin,
         values=tuple(flat),
     )
 
@@ -117,15 +138,15 @@ class Limits:
     low: float = -math.inf
     high: float = math.inf
 
-    def judge(self, runs: Runs, *more: ClaimValue, **numbers: Any) -> Claim:
-        """Return the claim with its values, behind ``more`` values; ``numbers`` are further ones of its sentence."""
+    def judge(self, runs: Runs, *others: ClaimValue, **numbers: Any) -> Claim:
+        """Return the claim with its values and ``others``; ``numbers`` are further ones of its sentence."""
         values = {chain: heard(runs, chain, self.measure) for chain in self.chains}
         each = [{"chain": chain, **sentence_numbers(of_chain)} for chain, of_chain in values.items()]
         return claim(
             self.id,
             together(*(decided(of_chain, self.low, self.high) for of_chain in values.values())),
-            *more,
             *values.values(),
+            *others,
             each=each,
             first=SimpleNamespace(**each[0]),
             low=self.low,

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from dem_bridge.observables.fits import inner_bodies
 from dem_bridge.observables.pulse import speed_ratio
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.physics.exact import two_body_collision
@@ -15,7 +16,7 @@ from dem_bridge.studies.paper.claims_pulses import WELL
 from dem_bridge.studies.paper.measures import at_body
 from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs
 from dem_bridge.studies.paper.texts import CLAIMS
-from dem_bridge.studies.paper.theories import deviation, inner_bodies
+from dem_bridge.studies.paper.theories import FIRST, LAST, deviation
 from dem_bridge.studies.study import Claim, ClaimValue
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE
@@ -75,14 +76,15 @@ def _residence(runs: Runs) -> Claim:
             continue
         name, scene, truth, theory, other = item
         values.append(heard(runs, name, at_body("residence_time", 20, "residence time of cylinder 20")))
-        inner, of_code = (deviation("residence time", scene, run, truth) for run in (theory, other))
-        everywhere = OBSERVABLES["residence_time"].value
-        off = everywhere(scene, theory) / everywhere(scene, truth) - 1.0
-        largest, before, last = float(inner[np.argmax(np.abs(inner))]), float(off[inner_bodies(scene).start - 1]), 39
+        read = OBSERVABLES["residence_time"].value
+        off, of_code = (read(scene, run) / read(scene, truth) - 1.0 for run in (theory, other))
+        first, last = inner_bodies(scene)
+        inner = off[first : last + 1]
+        largest, end = float(inner[np.argmax(np.abs(inner))]), last + 1
         values.append((_by_theory(f"largest deviation of T_i, {name}", largest),
-                       _by_theory(f"deviation of T_39, {name}", float(off[last]))))  # fmt: skip
-        numbers = {"worst": abs(largest), "before": before, "after": float(off[last]), "first": 1.0 + float(off[1])}
-        each.append({"chain": name, **numbers, "ode45": float(np.max(np.abs(of_code)))})
+                       _by_theory(f"deviation of T_{end}, {name}", float(off[end]))))  # fmt: skip
+        numbers = {"worst": abs(largest), "after": float(off[end]), "first": 1.0 + float(off[1])}
+        each.append({"chain": name, **numbers, "ode45": float(np.max(np.abs(of_code[first : last + 1])))})
         outcomes.append(_judge(largest))
     return claim("residence-by-bca", together(*outcomes), *values, each=each, tolerance=WELL)
 
@@ -104,6 +106,10 @@ def _arrival(runs: Runs, id: str, *, with_striker: bool) -> Claim:
             "from the first crossing": (end - start) / (arrival - begin) - 1.0,
         }  # fmt: skip
         values.append(tuple(_by_theory(f"{key}, {name}", value) for key, value in off.items()))
+        # the wave has passed cylinder i at the crossing of contact i
+        along = slice(FIRST, scene.n_body - LAST)
+        sums, passed = theory.crossing_time[along] - start, truth.crossing_time[along]
+        from_impact, from_first = sums / passed - 1.0, sums / (passed - begin) - 1.0
         judged, *others = off.values()
         each.append(
             {
@@ -113,6 +119,10 @@ def _arrival(runs: Runs, id: str, *, with_striker: bool) -> Claim:
                 "other": others[0] if others else np.nan,
                 "worst": np.max(np.abs(deviation("arrival", scene, theory, truth))),
                 "ode45": numbers["ode45"] / numbers["value"] - 1.0,
+                "least": np.min(from_impact),
+                "most": np.max(from_impact),
+                "least_first": np.min(from_first),
+                "most_first": np.max(from_first),
             }
         )
         outcomes.append(_judge(judged))

@@ -12,6 +12,7 @@ from dem_bridge.observables.fits import Slope, force_exponent, log_velocity_slop
 from dem_bridge.observables.front import local_speed_constant
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.physics.exact import solitary_wave, two_body_collision
+from dem_bridge.scene import Scene
 from dem_bridge.studies.paper.claims import (
     DECIDE,
     by,
@@ -29,7 +30,7 @@ from dem_bridge.studies.paper.measures import THEORIES, Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, COARSE, DECELERATING, GRADIENTS, JUDGES, LONG, Runs
 from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.trajectory import Floats
+from dem_bridge.trajectory import Floats, Trajectory
 from dem_bridge.verification.roles import REFERENCE, engine_for
 from dem_bridge.verification.verdict import Outcome
 
@@ -173,7 +174,7 @@ def _mass_gradient_by_bca(runs: Runs, gradients: dict[str, dict[str, Floats]]) -
 
 
 def _solitary(runs: Runs) -> Claim:
-    truth = solitary_wave(mass=1.0, stiffness=1.0, exponent=2.5, peak_velocity=1.0).speed
+    truth = _wave_speed()
     values, outcomes, each = [], [], []
     for name, run in runs.judges(UNIFORM):
         # with the v_max of the wave that has the peak forces beside the cylinder
@@ -189,16 +190,29 @@ def _solitary(runs: Runs) -> Claim:
         ]
         if name not in DECIDE:
             continue
-        # the last bodies with a residence time feel the free end
-        settled = slice(SETTLED - 1, -3)
-        away, allowed, within = np.abs(result.by_force - truth)[settled], np.array(EXACT), f"within {EXACT:.0e}"
+        away, allowed, within = _settled(np.abs(result.by_force - truth)), np.array(EXACT), f"within {EXACT:.0e}"
         if name != REFERENCE:
-            allowed = result.by_force_uncertainty[settled]
+            allowed = _settled(result.by_force_uncertainty)
             within = f"within its uncertainty of {np.max(allowed):.1e}"
         outcomes.append(Outcome.PASS if bool(np.all(away <= allowed)) else Outcome.FAIL)
         each.append({"code": name, "deviation": np.max(away), "within": within})
     wave = exact("exact wave of the discrete chain", truth, "")
     return claim("solitary", together(*outcomes), wave, values, each=each, exact=truth, settled=SETTLED)
+
+
+def deviation_from_wave(scene: Scene, run: Trajectory, *, settled: int = SETTLED) -> float:
+    """Return the largest deviation of the local speed constant from the exact wave, from a cylinder on."""
+    return float(np.max(_settled(np.abs(local_speed_constant(scene, run).by_force - _wave_speed()), settled)))
+
+
+def _wave_speed() -> float:
+    """Return the speed of the solitary wave of the discrete chain, in (beta/m)^(2/5) v^(1/5)."""
+    return solitary_wave(mass=1.0, stiffness=1.0, exponent=2.5, peak_velocity=1.0).speed
+
+
+def _settled(values: Floats, first: int = SETTLED) -> Floats:
+    """Return the values of cylinders at which the wave has settled; the last ones feel the free end."""
+    return values[first - 1 : -3]
 
 
 def _tapered_slopes(runs: Runs) -> Claim:

@@ -18,6 +18,8 @@ from dem_bridge.trajectory import Trajectory
 
 #: a front keeps its energy, kinetic energy or width if it changes by at most a tenth, in whatever chain
 KEPT = 0.9
+#: share of the first pulse from which a later one counts, and of the dips beside it
+SHARE = 0.05
 #: relative deviation up to which a shape, a width or a theory agrees well
 WELL = 0.05
 #: bodies at which later pulses are counted
@@ -58,7 +60,7 @@ def further_pulses(body: int) -> Measure:
     """Return the number of pulses behind the first one at a body."""
     return Measure(
         name=f"further pulses at cylinder {body}",
-        of=lambda scene, run: float(secondary_fronts(scene, run, body).count),
+        of=lambda scene, run: float(secondary_fronts(scene, run, body, share=SHARE).count),
         made_of=(),
     )
 
@@ -71,7 +73,7 @@ def _amplitude(body: int) -> Measure:
     return Measure(name=f"amplitude of the second pulse at cylinder {body}", of=of, made_of=("velocity",))
 
 
-def _scaled_duration(body: int) -> Measure:
+def scaled_duration(body: int) -> Measure:
     """Return the duration of the second pulse over that of the first, times (amplitude)^(1/5)."""
 
     def of(scene: Scene, run: Trajectory) -> float:
@@ -86,6 +88,15 @@ def _scaled_duration(body: int) -> Measure:
 
 BODY_KEPT = Measure(name="kinetic energy of one body kept", of=_body_kept, made_of=("velocity",))
 WIDTH = Measure(name="width at half force", of=_width, made_of=("velocity",))
+
+
+def striker_shares(scene: Scene, run: Trajectory) -> dict[str, float]:
+    """Return the parts of the striker's energy in the front at contacts 3 and 10 and at nine tenths of the chain."""
+    energy = front_window(scene, run).energy / (0.5 * scene.mass[0] * scene.velocity[0] ** 2)
+    _, late = _quarter_and_end(scene)
+    return {"early": float(energy[3]), "quarter": float(energy[10]), "late": float(energy[late])}
+
+
 NO_SCATTERING = Limits(
     id="no-scattering", measure=window_kept("energy"), chains=(*MAIN, *LONG), low=KEPT, high=1.0 / KEPT
 )
@@ -147,7 +158,7 @@ def _further_fronts(runs: Runs, id: str, chain: str, low: float = 0.0, high: flo
 def _similar(runs: Runs) -> Claim:
     """Compare the second pulse with the first: a wave of the same shape has a scaled duration of 1."""
     heights = [heard(runs, DECELERATING, _amplitude(body)) for body in COUNTED_AT]
-    durations = [heard(runs, DECELERATING, _scaled_duration(body)) for body in COUNTED_AT]
+    durations = [heard(runs, DECELERATING, scaled_duration(body)) for body in COUNTED_AT]
     outcome = together(*(decided(value, low=1.0 - WELL, high=1.0 + WELL) for value in durations))
     each = [
         {"duration": by(duration).value, "height": by(height).value, "body": body}

@@ -34,15 +34,19 @@ def spectra(runs: Runs) -> Iterator[Claim]:
     yield from tapered(runs)
 
 
-def _width_of_spectrum(scene: Scene, run: Trajectory) -> float:
+def growth_of_width(scene: Scene, run: Trajectory, *, share: float = 0.1) -> float:
+    """Return the width of the frequency spectrum over the last share of the way, over that over the first."""
     width = frequency_spectrum(scene, run).width
-    tenth = max(len(width) // 10, 1)
-    return float(np.exp(np.mean(np.log(width[-tenth:])) - np.mean(np.log(width[:tenth]))))
+    count = max(int(share * len(width)), 1)
+    return float(np.exp(np.mean(np.log(width[-count:])) - np.mean(np.log(width[:count]))))
 
 
-def _width_kept(scene: Scene, run: Trajectory) -> float:
+def width_kept(scene: Scene, run: Trajectory, *, tenths: tuple[int, int] = (2, 9)) -> float:
+    """Return the width of the front in one tenth of the chain, counted from 1, over that in an earlier one."""
     width, links = pulse_width_by_force(scene, run).width, scene.n_body - 1
-    early, late = (float(np.nanmean(width[round(at * links) : round((at + 0.1) * links)])) for at in (0.15, 0.8))
+    early, late = (
+        float(np.nanmean(width[round(0.1 * (tenth - 1) * links) : round(0.1 * tenth * links)])) for tenth in tenths
+    )
     return late / early
 
 
@@ -65,7 +69,7 @@ WAVENUMBERS = Limits(
 )
 WIDTH = Limits(
     id="width-kept",
-    measure=Measure(name="width of the pulse, end over start", of=_width_kept, made_of=("velocity",)),
+    measure=Measure(name="width of the pulse, end over start", of=width_kept, made_of=("velocity",)),
     chains=LONG,
     low=KEPT,
     high=1.0 / KEPT,
@@ -80,7 +84,7 @@ def _frequencies_fall(runs: Runs) -> Claim:
 
 
 def _frequencies_rise(runs: Runs) -> Claim:
-    of_width = Measure(name="width of the spectrum, end over start", of=_width_of_spectrum, made_of=("velocity",))
+    of_width = Measure(name="width of the spectrum, end over start", of=growth_of_width, made_of=("velocity",))
     width, centroid = (heard(runs, LONG[1], measure) for measure in (of_width, CENTROID))
     outcome = decided(width, low=CASCADES)
     factors = [by(values).value for values in (width, centroid)]

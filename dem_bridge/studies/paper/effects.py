@@ -97,6 +97,11 @@ CHANGES: Mapping[str, Callable[[Scene], Scene]] = {
     **{id: partial(model_terms.angles_soften, anchor=anchor) for id, anchor in ANCHORS.items()},
 }
 VARIANTS = tuple(Variant(id=id, change=change) for id, change in CHANGES.items())
+#: a dashpot, N s/m, 300 times that of the budget: whether the sign of its effect holds; no term of the budget
+STRONGEST = 300.0
+STRONG = Variant(
+    id="strong-dashpot", change=lambda s: replace(s, damping=Damping(law="dashpot", coefficient=STRONGEST))
+)
 
 
 @dataclass(frozen=True, kw_only=True)

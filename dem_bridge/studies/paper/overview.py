@@ -15,11 +15,12 @@ import numpy as np
 from dem_bridge.differences import difference
 from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
 from dem_bridge.studies.paper.claims import by
-from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, Effect
-from dem_bridge.studies.paper.runs import MAIN, OTHER_ACCURACY, Runs
-from dem_bridge.studies.paper.summary import failures
+from dem_bridge.studies.paper.claims_pulses import striker_shares
+from dem_bridge.studies.paper.effects import AS_IS, PARAMETER, PHYSICS, SUPPOSED, Effect
+from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, MAIN, OTHER_ACCURACY, Runs
+from dem_bridge.studies.paper.summary import counted, failures
 from dem_bridge.studies.paper.texts import PAPER
-from dem_bridge.studies.paper.theories import deviation
+from dem_bridge.studies.paper.theories import deviation, profiled
 from dem_bridge.studies.paper.validity import ContactValidity, contacts_of
 from dem_bridge.studies.study import Claim, FigureData, Map, Series
 from dem_bridge.studies.texts import Texts
@@ -45,9 +46,8 @@ _JUDGED = (Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED, Outcome.BROKEN)
 def abstract(
     claims: Sequence[Claim], effects: Sequence[Effect], studies: Sequence[SceneStudy], runs: Runs, accuracy: float
 ) -> tuple[str, ...]:
-    """Return the abstract: question, method, result, what fails, and what is not verified, a sentence each."""
+    """Return the abstract: question, method, result, what fails, criteria, what is not verified, a sentence each."""
     verdicts = Counter(verdict.outcome for study in studies for verdict in study.verdicts)
-    outcomes = Counter(claim.outcome for claim in claims)
     return (
         TEXTS("question", count=len(claims)),
         TEXTS(
@@ -65,13 +65,11 @@ def abstract(
             missing=verdicts[Outcome.NOT_RUN],
             errors=_errors(studies),
             count=len(claims),
-            hold=outcomes[Outcome.PASS],
-            failed=outcomes[Outcome.FAIL],
-            undecided=outcomes[Outcome.UNDECIDED],
-            approximate=outcomes[Outcome.MODEL_DIFFERENCE],
+            kinds=counted(claims),
             central=_central(claims, runs),
         ),
-        _failing(claims, effects),
+        _failing(claims, effects, runs),
+        _criteria(claims),
         TEXTS("not_verified"),
     )
 
@@ -93,19 +91,30 @@ def _central(claims: Sequence[Claim], runs: Runs) -> str:
     chains = [(runs.scenes[name], runs.run(name, "bca"), runs.truth(name)) for name in MAIN]
     along = [deviation("arrival", scene, bca, truth) for scene, bca, truth in chains if bca and truth]
     numbers = {"low": by(slow).value, "high": by(fast).value, "away": max(away, default=math.nan)}
+    shares = {name: striker_shares(runs.scenes[name], truth)["late"] for name in MAIN if (truth := runs.truth(name))}
+    numbers |= {"lost_slow": 1.0 - shares[DECELERATING], "lost_fast": 1.0 - shares[ACCELERATING]}
     return TEXTS("central", **numbers, worst=max(float(np.max(np.abs(of_chain))) for of_chain in along))
 
 
-def _failing(claims: Sequence[Claim], effects: Sequence[Effect]) -> str:
-    """Return the statements that do not hold, a line each, and the largest effects."""
+def _criteria(claims: Sequence[Claim]) -> str:
+    """Return which criteria were fixed beforehand, which were revised, and which outcomes depend on them."""
+    numbered = enumerate(claims, start=1)
+    sensitive = [str(number) for number, claim in numbered if claim.margin is not None and claim.margin.changes]
+    return TEXTS("criteria", numbers=" and ".join(filter(None, [", ".join(sensitive[:-1]), *sensitive[-1:]])) or "none")
+
+
+def _failing(claims: Sequence[Claim], effects: Sequence[Effect], runs: Runs) -> str:
+    """Return the statements that do not hold by kind, a line each, and the largest effects."""
 
     def largest_of(id: str) -> tuple[float, str]:
         changes = [(abs(change), name) for item in effects if item.id == id for name, change in item.changes.items()]
         return max((change for change in changes if math.isfinite(change[0])), default=(math.nan, ""))
 
     (law, law_name), (striker, _), (exponent, _) = map(largest_of, ("exact-stiffness", "striker-mass", "exponent-1um"))
-    complete = math.isfinite(law + striker + exponent)
-    largest = TEXTS("largest", law=law, law_name=law_name, striker=striker, exponent=exponent) if complete else ""
+    single = _single_cylinders(runs)
+    complete = math.isfinite(law + striker + exponent + single["first"])
+    numbers = {"law": law, "law_name": law_name, "striker": striker, "exponent": exponent, **single}
+    largest = TEXTS("largest", **numbers) if complete else ""
     failed, ids = failures(claims), [claim.id for claim in claims]
     if not failed:
         return TEXTS("nothing_fails", largest=f"; {largest}" if largest else "")
@@ -114,7 +123,21 @@ def _failing(claims: Sequence[Claim], effects: Sequence[Effect]) -> str:
         text = TEXTS("failure", number=ids.index(claim.id) + 1, what=what, short=claim.short)
         groups.setdefault(reason, []).append(text)
     lines = [f"{reason}: {', '.join(texts)}" for reason, texts in groups.items()]
-    return TEXTS("fails", failed=len(failed), lines=";\n".join(filter(None, [*lines, largest])))
+    return TEXTS("fails", lines=";\n".join(filter(None, [*lines, largest])))
+
+
+def _single_cylinders(runs: Runs) -> dict[str, float]:
+    """Return the largest change of the wave speed by the exact stiffness: from cylinder 5 on, and at cylinder 1."""
+    changes = []
+    for name in MAIN:
+        names = [f"{name}.{variant}" for variant in (AS_IS, "exact-stiffness")]
+        if all(runs.has(of) for of in names):
+            scene = runs.scenes[name]
+            base, exact = (REGISTERED["residence_time"].value(scene, run) for of in names if (run := runs.truth(of)))
+            off = np.abs(base / exact - 1.0)
+            changes.append((np.max(off[profiled(scene)]), off[1]))
+    inner, first = np.max(changes, axis=0) if changes else (math.nan, math.nan)
+    return {"inner": float(inner), "first": float(first)}
 
 
 def scale_of_differences(

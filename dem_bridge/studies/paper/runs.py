@@ -13,7 +13,7 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene import Scene
 from dem_bridge.scene_file import load_scene, shipped_scenes
 from dem_bridge.scene_file.physical import rounded
-from dem_bridge.studies.paper.effects import VARIANTS
+from dem_bridge.studies.paper.effects import STRONG, VARIANTS
 from dem_bridge.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, SCIPY, assign_roles, engine_for
 
@@ -33,6 +33,8 @@ BESIDE = {
 #: backends whose values the claims list, in this order
 JUDGES = (REFERENCE, "lammps", "ode45", "bca", "adiabatic")
 #: mass gradients of figure 6, and the step of LAMMPS on them
+#: variants whose velocities are compared cylinder by cylinder
+WEIGHED = ("base", "gravity")
 GRADIENTS = tuple(round(0.0025 * i, 4) for i in range(-8, 9))
 COARSE = Resolution(dt=1e-7)
 
@@ -120,8 +122,12 @@ def quick(
 
 
 def variants() -> list[Case]:
-    """Return the cases of the paper's chains with one change each."""
-    return quick([variant.of(scene) for scene in map(load_scene, MAIN) for variant in VARIANTS])
+    """Return the cases of the paper's chains with one change each; those with weight have velocities, too."""
+    cases = []
+    for scene in map(load_scene, MAIN):
+        for variant in (*VARIANTS, STRONG):
+            cases += quick([variant.of(scene)], samples=scene.samples if variant.id in WEIGHED else 1)
+    return cases
 
 
 def with_mass_gradient(scene: Scene, gamma: float) -> Scene:

@@ -28,6 +28,7 @@ from dem_bridge.studies.paper.claims_force import forces, ratios
 from dem_bridge.studies.paper.claims_numbers import NEGLIGIBLE, numbers
 from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
+from dem_bridge.studies.paper.criteria import CRITERIA
 from dem_bridge.studies.paper.effects import (
     AS_IS,
     VARIANTS,
@@ -36,6 +37,7 @@ from dem_bridge.studies.paper.effects import (
     effect,
     reference_uncertainty,
 )
+from dem_bridge.studies.paper.margins import with_margins
 from dem_bridge.studies.paper.pulses import fits_table, pulses_table
 from dem_bridge.studies.paper.runs import (
     ACCELERATING,
@@ -56,7 +58,7 @@ from dem_bridge.studies.paper.texts import PAPER
 from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatteredChains
-from dem_bridge.studies.study import Claim, FigureData, Table
+from dem_bridge.studies.study import Claim, FigureData, Margin, Table
 from dem_bridge.studies.verification import Verification, verification_of
 from dem_bridge.studies.verify import DEFAULT_ACCURACY, ScenePlan, check_jobs, plan_scene
 from dem_bridge.verification.assess import SceneStudy
@@ -187,7 +189,7 @@ def read_paper(
 
     ``more``: further tables, behind the others.
     """
-    claims = (*numbers(runs), *waves(runs, scattered), *spectra(runs), *forces(runs))
+    claims = claims_of(runs, scattered)
     names = [study.scene.name for study in studies]
     effects = list(_effects(runs))
     contacts = [contacts_table(runs, name) for name in MAIN]
@@ -223,9 +225,20 @@ def read_paper(
     }
 
 
+def claims_of(runs: Runs, scattered: list[ScatteredChains]) -> tuple[Claim, ...]:
+    """Return all claims in the order of the paper, with their margins."""
+    claims = (*numbers(runs), *waves(runs, scattered), *spectra(runs), *forces(runs))
+    return tuple(with_margins(claims, runs, CRITERIA))
+
+
 def claims_table(claims: Sequence[Claim]) -> Table:
     """Return the table of the claims with their outcomes."""
-    return PAPER.table("claims", [(claim.id, claim.where, claim.outcome.value, claim.sentence) for claim in claims])
+    rows = []
+    for claim in claims:
+        margin = claim.margin or Margin(sentence="")
+        row = (claim.id, claim.where, claim.outcome.value, claim.kind, claim.sentence, margin.sentence, margin.changes)
+        rows.append(row)
+    return PAPER.table("claims", rows)
 
 
 def _left_out(hierarchy: ModelHierarchy, results: Sequence[Result]) -> tuple[LeftOut, ...]:

@@ -19,9 +19,9 @@ from dem_bridge.verification.verdict import Outcome
 ANSWER = PAPER.data["answer"]
 #: limits of this report, in addition to those of every report
 NOT_VERIFIED = tuple(ANSWER["not_verified"])
-#: claims that do not hold, the gravest first -> why (a key of :data:`FAILS_BY`), and what the claim is about
+#: claims that do not hold, the gravest first -> what the claim is about
 FAILURES = ANSWER["failures"]
-#: reasons why claims do not hold, in words
+#: kinds of claims that do not hold, in words
 FAILS_BY = ANSWER["fails_by"]
 
 
@@ -66,9 +66,14 @@ def _codes(studies: Sequence[SceneStudy]) -> str:
 
 
 def _count(claims: Sequence[Claim]) -> str:
-    counts = Counter(claim.outcome for claim in claims)
-    words = [f"{n} {forms[n == 1]}" for outcome, forms in ANSWER["outcomes"].items() if (n := counts[outcome])]
-    return fill(ANSWER["count"], count=len(claims), parts=", ".join(words))
+    return fill(ANSWER["count"], count=len(claims), parts=counted(claims))
+
+
+def counted(claims: Sequence[Claim]) -> str:
+    """Return how many claims there are of each kind, in words."""
+    counts = Counter(claim.kind for claim in claims)
+    words = [f"{n} {forms[n == 1]}" for kind, forms in ANSWER["kinds"].items() if (n := counts[kind])]
+    return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
 
 
 def _theory(claims: Sequence[Claim]) -> str:
@@ -97,8 +102,7 @@ def failures(claims: Sequence[Claim]) -> tuple[tuple[Claim, str, str], ...]:
     """Return the claims that do not hold, the gravest first, with why each fails and what it is about, in words."""
     failed = {claim.id: claim for claim in claims if claim.outcome is Outcome.FAIL}
     ordered = [*(id for id in FAILURES if id in failed), *(id for id in failed if id not in FAILURES)]
-    texts = {id: FAILURES.get(id, ("physics", id.replace("-", " "))) for id in ordered}
-    return tuple((failed[id], FAILS_BY[reason], words) for id, (reason, words) in texts.items())
+    return tuple((failed[id], FAILS_BY[failed[id].kind], FAILURES.get(id, id.replace("-", " "))) for id in ordered)
 
 
 def names_of_failures(claims: Sequence[Claim]) -> str:

@@ -30,14 +30,14 @@ PROFILES: Mapping[str, str] = {
 }
 
 
-def inner_bodies(scene: Scene) -> slice:
+def profiled(scene: Scene) -> slice:
     """Return the bodies, and contacts, that are compared: without both ends of the chain."""
     return slice(FIRST, scene.n_body - LAST)
 
 
 def profile(what: str, scene: Scene, run: Trajectory) -> Floats:
-    """Return one of :data:`PROFILES` of a run at :func:`inner_bodies`."""
-    return REGISTERED[PROFILES[what]].value(scene, run)[inner_bodies(scene)]
+    """Return one of :data:`PROFILES` of a run at :func:`profiled`."""
+    return REGISTERED[PROFILES[what]].value(scene, run)[profiled(scene)]
 
 
 def deviation(what: str, scene: Scene, run: Trajectory, truth: Trajectory) -> Floats:

@@ -46,8 +46,11 @@ THEORIES = ("bca", "adiabatic")
 GRADIENTS = (-0.02, -0.01, 0.0, 0.01, 0.02)
 #: those that only scipy can do take up to 4 s each: all of the decelerating chain, two of the accelerating one
 DEAR = (
-    *(f"{MAIN[0]}.{id}" for id in ("dashpot", "kuwabara-kono", "drag", "exponent-1um", "exponent-5um")),
-    *(f"{MAIN[1]}.{id}" for id in ("kuwabara-kono", "drag")),
+    *(
+        f"{MAIN[0]}.{id}"
+        for id in ("dashpot", "strong-dashpot", "kuwabara-kono", "drag", "exponent-1um", "exponent-5um")
+    ),
+    *(f"{MAIN[1]}.{id}" for id in ("strong-dashpot", "kuwabara-kono", "drag")),
 )
 #: of the reference on the chains of 200, m, m/s, N, s: 3.9e-11 N, 8.4e-12 m/s
 LONG_BARS = Uncertainty(velocity=1e-11, displacement=1e-14, peak_force=1e-10, crossing_time=1e-16)

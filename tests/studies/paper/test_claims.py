@@ -47,8 +47,8 @@ EXPECTED = {
     "axis-ratio": MODEL,
     "striker-stiffness": PASS,
     "point-contact": FAIL,
-    "lumped-mass": FAIL,
-    "edge-tension": FAIL,
+    "lumped-mass": MODEL,
+    "edge-tension": UNDECIDED,
     "weight": FAIL,
     "gravity-load": PASS,
     "gravity-neglected": MODEL,
@@ -65,7 +65,7 @@ EXPECTED = {
     "mismatch": PASS,
     "small-mismatch": PASS,
     "residence-definition": FAIL,
-    "residence-by-bca": PASS,
+    "residence-by-bca": FAIL,
     "speed-ratio-sensitivity": UNDECIDED,
     "speed-power-law": PASS,
     "scatter": UNDECIDED,
@@ -154,7 +154,7 @@ def _changes(digits: int, backend: str = "reference") -> Callable[[Claim], list[
 
 def _weighed(one: Claim) -> list[str]:
     names = ("arrival at the last cylinder", "speed at the middle", "force at the middle")
-    rows = np.array(_values(one)).reshape(2, 3) - 1.0
+    rows = np.array(_values(one)).reshape(2, 6)[:, :3] - 1.0
     return [f"{name} {100.0 * value:+.2g} %" for row in rows for name, value in zip(names, row, strict=True)]
 
 
@@ -199,18 +199,29 @@ SAID: dict[str, Callable[[Claim], list[str]]] = {
     "weight": _each("weigh {:.2f} N", "formula"),
     "gravity-load": _each("{:.0f} times the weight"),
     "point-contact": _on_validity("{1:.2f} in"),
-    "lumped-mass": _on_validity("in {0:.0f} of 40 contacts"),
+    "lumped-mass": lambda one: [
+        f"at least {row[1]:.1f} for a collision of two bodies with the peak force, and at least {row[3]:.1f} for"
+        for row in np.array(_values(one)).reshape(2, 5)
+    ],
     "edge-tension": _on_validity("(up to {1:.1f})"),
     "gravity-neglected": _weighed,
-    "velocity-by-bca": lambda one: [*_each("{:.3f} m/s")(one), *_each("gives {:.3f} m/s", "bca")(one)],
+    "velocity-by-bca": lambda one: [
+        *(f"{value:.3f} m/s" for value in _values(one)[:2]),
+        *_each("gives {:.3f} m/s", "bca")(one),
+        *(f"{value:.2f}" for value in _values(one)[2:]),
+    ],
     "decelerates": _each("is {:.4f} of the speed"),
     "accelerates": _each("is {:.4f} times the speed"),
-    "no-scattering": _each("{:.3g} % in", scale=100.0),
+    "no-scattering": lambda one: [
+        *(f"{100.0 * value:.3g} % in" for value in _values(one)[:4]),
+        *(f"{value:.3f}" for value in _values(one)[4:]),
+    ],
     "amplitude": _each("{:.3f} in"),
     "arrival-by-bca": _beside,
     "arrival-as-printed": lambda one: [
-        f"{100.0 * -printed:.2g} % too early (from the first crossing: {100.0 * crossing:+.2g} %)"
+        text
         for printed, crossing in np.array([v.value for v in one.values if "last cyl" not in v.name]).reshape(2, 2)
+        for text in (f"{100.0 * -printed:.2g} % too early", f"{100.0 * crossing:+.2g} % from the first crossing")
     ],
     "many-fronts": _each("{:.0f} at cylinder"),
     "one-front": _each("{:.0f} at cylinder"),
@@ -233,7 +244,11 @@ SAID: dict[str, Callable[[Claim], list[str]]] = {
         f"{low:.3f} to {high:.3f}" for low, high in np.array(_values(one)).reshape(4, 2)
     ],
     "speed-power-law": _each("{:.2g} % in", scale=100.0),
-    "scatter": _each("at a cylinder has a standard deviation of {:.2g} %", scale=100.0),
+    "scatter": lambda one: [
+        text
+        for typical, arrival in np.array(_values(one)).reshape(-1, 2)
+        for text in (f"has a standard deviation of {100.0 * typical:.2g} %", f"of {100.0 * arrival:.2g} % +-")
+    ],
     "slower-by-dissipation": _speeds,
     "slower-by-exponent": _speeds,
     "single-front-200": _each("{:.0f}"),
@@ -269,14 +284,20 @@ def test_of_all_claims_but_one_the_sentence_is_held_to_the_values(claims: dict[s
     assert set(claims) - set(SAID) == {"mass-gradient-by-bca"}
 
 
-def test_pages_count_the_claims_as_they_turn_out() -> None:
+def test_pages_count_the_claims_as_they_turn_out(claims: dict[str, Claim]) -> None:
     root, counts = Path(__file__).parents[3], Counter(EXPECTED.values())
     page = " ".join((root / "docs" / "paper.md").read_text(encoding="utf-8").split())
     assert f"It reads {len(EXPECTED)} statements" in page
     assert f"{counts[PASS]} statements hold" in page
-    assert f"{counts[FAIL]} do not hold." in page
-    assert f"{counts[MODEL]} are approximations" in page
-    assert f"{counts[UNDECIDED]} cannot be decided" in page
+    kinds = Counter(claim.kind for claim in claims.values())
+    assert kinds.total() == len(EXPECTED)
+    for kind, words in (
+        ("print", "are wrong in print"),
+        ("theory", "are theories or approximations that are off"),
+        ("limit", "exceed a limit that we set"),
+        ("undecided", "cannot be decided"),
+    ):
+        assert f"{kinds[kind]} {words}" in page, kind
     assert f"{len(EXPECTED)} of its statements" in (root / "README.md").read_text(encoding="utf-8")
 
 
@@ -312,7 +333,7 @@ def test_contacts_are_points_as_far_as_the_ellipse_ends_on_the_cylinder(claims: 
 def test_deviations_that_are_said_are_those_of_the_runs(runs: Runs, claims: dict[str, Claim]) -> None:
     for name in MAIN:
         truth, theory = (np.diff(runs.run(name, by).crossing_time[:40]) for by in ("reference", "bca"))  # type: ignore[union-attr]
-        worst = np.max(np.abs(theory / truth - 1.0)[4:37])  # cylinders 5 to 37
+        worst = np.max(np.abs(theory / truth - 1.0)[2:38])  # cylinders 3 to 38, as for V_out/V_in
         assert f"{name}: BCA within {100.0 * worst:.2g} %" in claims["residence-by-bca"].sentence
         assert f"first residence time is {theory[0] / truth[0]:.2g} times" in claims["residence-by-bca"].sentence
         away = [abs(found["bca"] / found["reference"] - 1.0) for _, found in ratios(runs, name) if found]
@@ -650,7 +671,10 @@ def test_the_effect_of_gravity_is_that_between_two_runs_on_a_base(runs: Runs) ->
         runs = planted(runs, f"{name}.gravity", **late)
     one = _one("gravity-neglected", runs, *scenes)
     assert one.outcome is MODEL
-    assert _values(one) == pytest.approx([1.001, 1.0 / 1.001, 1.0] * 2)
+    single = [1.0 - 1.0 / 1.001, 0.001]  # of speeds and of residence times; peak velocities are those of other runs
+    rows = np.array(_values(one)).reshape(2, 6)
+    for row in rows:
+        assert row[:5] == pytest.approx([1.001, 1.0 / 1.001, 1.0, *(1.0 + change for change in single)])
     assert one.sentence.count("arrival at the last cylinder +0.1 %") == 2
 
 
@@ -671,9 +695,21 @@ def test_validity_that_is_better_is_noticed(runs: Runs) -> None:
     weak = runs
     for name in MAIN:
         weak = planted(weak, name, peak_force=1e-4 * truth_of(runs, name).peak_force)
-    for id in ("point-contact", "lumped-mass", "edge-tension"):
-        assert _one(id, runs, *MAIN).outcome is FAIL
+    for id, outcome in (("point-contact", FAIL), ("edge-tension", UNDECIDED)):
+        assert _one(id, runs, *MAIN).outcome is outcome
         assert _one(id, weak, *MAIN).outcome is PASS, id
+    strong, gentle = (_one("lumped-mass", of, *MAIN).values[1].value for of in (runs, weak))
+    assert gentle == pytest.approx(1e4 ** (1.0 / 6.0) * strong)  # t_c goes as F^(-1/6)
+
+
+def test_contacts_last_longer_in_a_chain_than_as_collisions_of_two(claims: dict[str, Claim]) -> None:
+    """Times above 1 % of the peak force over 2 r sqrt(rho/Y); integrated apart: 12.24 and 8.32, 0 and 1 below ten."""
+    values = {value.name: value.value for value in claims["lumped-mass"].values}
+    for name, fewest, below in zip(MAIN, (12.24, 8.32), (0, 1), strict=True):
+        assert values[f"fewest crossings, in the chain, {name}"] == pytest.approx(fewest, abs=0.01)
+        assert values[f"contacts below ten crossings, in the chain, {name}"] == below
+    assert claims["lumped-mass"].margin is not None
+    assert claims["lumped-mass"].margin.changes
 
 
 def test_second_pulses_of_another_shape_are_noticed(runs: Runs) -> None:
@@ -763,7 +799,9 @@ def test_scatter_is_said_with_its_chains(scattered: list[ScatteredChains], claim
     for study in scattered:
         shift, deviation = study.arrival_shift
         way = "later" if shift > 0.0 else "earlier"
-        assert f"of {100 * deviation:.2g} % (on average it is {100 * abs(shift):.2g} % {way}" in sentence
+        stderr = deviation / math.sqrt(2.0 * (study.count - 1))
+        assert f"of {100 * deviation:.2g} % +- {100 * stderr:.1g} % (standard error; on average it is" in sentence
+        assert f"{100 * abs(shift):.2g} % {way}" in sentence
 
 
 # how a statement becomes a claim
@@ -815,7 +853,8 @@ def test_every_claim_has_its_texts_and_none_is_left_over() -> None:
     assert set(CLAIMS) == set(EXPECTED)
     assert all({"where", "statement", "sentence", "short"} <= set(text) for text in CLAIMS.values())
     assert {key for text in CLAIMS.values() for key in text} == {
-        "where", "statement", "sentence", "each", "join", "printed", "formula", "short", "short_each",
+        "where", "statement", "sentence", "each", "join", "printed", "formula", "short", "short_each", "margin",
+        "margin_each", "changes", "fails_by", "more",
     }  # fmt: skip
 
 
