@@ -147,7 +147,7 @@ return [severity, together, up, column(budget, 2), button(budget, 2).tabIndex,
         [...budget.tHead.rows[0].cells].map((one) => one.getAttribute("aria-sort"))];
 """
     severity, together, up, holes, tab, aria = _asked(page, tmp_path, script)
-    assert list(dict.fromkeys(severity)) == ["does not hold", "undecided", "not run", "approximation", "holds"]
+    assert list(dict.fromkeys(severity)) == ["exceeds our limit", "undecided", "not run", "theory off", "holds"]
     assert together
     assert up == ["2.2e-11", "1.5e-06", "0.0036", "0.008", "0.021", "0.031", "0.068"]
     assert holes == ["0.02", "0.05", "0.178", "–", "–", "–", "–"]
@@ -172,8 +172,19 @@ def _words(pdf: Path, *options: str) -> str:
 
 
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="no pdftotext")
-def test_on_paper_the_appendix_is_unfolded_headings_repeat_and_no_sheet_is_shrunk(page: Path, tmp_path: Path) -> None:
-    pdf = _printed(page, tmp_path)
+def test_on_paper_the_body_is_printed_and_of_the_appendix_nothing_that_is_folded(page: Path, tmp_path: Path) -> None:
+    text = _words(_printed(page, tmp_path), "-layout")
+    for words in ("200 seeded chains", "largest residence time (s)", "Settings and costs of all runs"):
+        assert words not in text
+    assert "folded on the screen are not printed" in text
+    assert text.count("\f") <= 13
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="no pdftotext")
+def test_on_paper_open_parts_are_printed_headings_repeat_and_no_sheet_is_shrunk(page: Path, tmp_path: Path) -> None:
+    unfolded = tmp_path / "open.html"
+    unfolded.write_text(page.read_text(encoding="utf-8").replace("<details", "<details open"), encoding="utf-8")
+    pdf = _printed(unfolded, tmp_path)
     text = _words(pdf, "-layout")
     for words in ("200 seeded chains", "largest residence time (s)", "Settings and costs of all runs"):
         assert words in text

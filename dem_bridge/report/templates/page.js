@@ -70,14 +70,4 @@
     for (const { target } of entries) target.classList.toggle("cut", target.scrollWidth > target.clientWidth + 1);
   });
   for (const one of document.querySelectorAll(".scroll")) wider.observe(one);
-
-  // Unfold everything for printing.
-  let closed = [];
-  addEventListener("beforeprint", () => {
-    closed = [...document.querySelectorAll("details:not([open])")];
-    for (const one of closed) one.open = true;
-  });
-  addEventListener("afterprint", () => {
-    for (const one of closed) one.open = false;
-  });
 })();
