@@ -65,10 +65,11 @@ def step_error(decision: Decision, fit: Fit) -> StepError | None:
     method, dt = fit.stepping
     end = float(decision.data.time[-1])
     errors = {dt: _error(decision, fit, fit.stepping)}
-    for factor, enough in ((2.0, lambda error: error > LARGEST), (0.5, lambda error: error < LEAST)):
+    for factor in (2.0, 0.5):
         step = dt
         for _ in range(ROUNDS):
-            if enough(errors[step]) or not errors[step] > 0.0 or end / (factor * step) > MOST_STEPS:
+            enough = errors[step] > LARGEST if factor > 1.0 else errors[step] < LEAST
+            if enough or not errors[step] > 0.0 or end / (factor * step) > MOST_STEPS:
                 break
             step = factor * step
             errors[step] = _error(decision, fit, Stepping(method, step))

@@ -97,7 +97,8 @@ def fit_parameters(
     for k, parameter in enumerate(parameters):
         error = float(np.sqrt(every[k, k]))
         # the direction along which the other parameters stay at their best, to first order
-        ends = [_end(adjusted.residuals, adjusted.x, side * every[:, k] / error, least) for side in (-1.0, 1.0)]
+        steps = [np.asarray(side * every[:, k] / error, dtype=np.float64) for side in (-1.0, 1.0)]
+        ends = [_end(adjusted.residuals, adjusted.x, step, least) for step in steps]
         low, high = (float(sizes[k] * (adjusted.x[k] + end * error)) for end in (-ends[0], ends[1]))
         change, uncertainty = float(sizes[k] * adjusted.x[k]), float(sizes[k] * error)
         fitted.append(Fitted(parameter=parameter, change=change, uncertainty=uncertainty, low=low, high=high))

@@ -33,7 +33,7 @@ Draw = np.random.Generator
 
 def _half_period(mass: float, stiffness: float, exponent: float, speed: float) -> float:
     """Return the time from touch to the largest overlap of two bodies of this reduced mass, s."""
-    depth = (0.5 * exponent * mass * speed**2 / stiffness) ** (1.0 / exponent)
+    depth = float((0.5 * exponent * mass * speed**2 / stiffness) ** (1.0 / exponent))
     return depth / speed * math.sqrt(math.pi) * math.gamma(1.0 + 1.0 / exponent) / math.gamma(0.5 + 1.0 / exponent)
 
 

@@ -53,7 +53,7 @@ class Variant:
         """Run the deck and judge it."""
         contact = 2.94 * (1.25 * 0.5 * self.chain.mass / (self.chain.stiffness * (self.chain.radius / 2) ** 0.5)) ** 0.4
         duration = float(f"{self.crossings * self.chain.bodies * 0.5 * contact * self.chain.speed**-0.2:.2g}")
-        changed = {
+        changed: dict[str, Any] = {
             name: value if isinstance(value, bool) else getattr(self.chain, name) * value if name != "gaps"
             else (value, *(self.chain.gaps or (0.0,) * (self.chain.bodies - 1))[1:])
             for name, value in DIFFERENCES[self.difference][1].items()

@@ -32,11 +32,11 @@ class StandIn(Prediction):
     bend: float = 0.0
 
     @property
-    def simulated(self) -> Floats:  # type: ignore[override]
+    def simulated(self) -> Floats:
         return np.zeros(len(self.slopes))
 
     @property
-    def numerical(self) -> Floats:  # type: ignore[override]
+    def numerical(self) -> Floats:
         return np.zeros(len(self.slopes))
 
     def at(self, parameters: Sequence[Parameter], changes: Sequence[float]) -> Floats:

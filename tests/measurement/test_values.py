@@ -145,8 +145,12 @@ def _comparison(**changes: Any) -> Comparison:
         "numerical": np.array([0.0, 0.3, 0.0]),
         "input": np.array([0.3, 0.0, 1.0]),
         "data": np.array([0.4, 0.4, 1.0]),
-        "of_parameters": np.array([[0.3, 0.0], [0.0, 0.0], [0.0, 1.0]]),
+        "of_samples": np.array([[0.3, 0.0], [0.0, 0.0], [0.0, 1.0]]),
         "of_measurement": np.array([[0.0], [0.0], [0.6]]),
+        # a linear simulation: two parameters of the scene and one of the measurement
+        "linear_error": np.array([-0.3, 0.25, 2.0]),
+        "slopes": np.array([[0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.6]]),
+        "linear": True,
         "noise": np.array([0.4, 0.4, 0.8]),
         "count": 9,
     }
@@ -172,8 +176,7 @@ def test_a_comparison_is_the_arithmetic_of_its_definition() -> None:
 
 def test_the_joint_statistic_is_that_of_the_whole_covariance() -> None:
     both = _comparison()
-    effects = np.hstack([both.of_parameters, both.of_measurement])
-    covariance = effects @ effects.T + np.diag(both.noise**2 + both.numerical**2)
+    covariance = both.slopes @ both.slopes.T + np.diag(both.noise**2 + both.numerical**2)
     expected = float(both.error @ np.linalg.solve(covariance, both.error))
     joint = both.joint()
     assert (joint.statistic, joint.count) == (pytest.approx(expected, rel=1e-12), 3)
@@ -213,10 +216,10 @@ def test_the_parts_of_the_uncertainty_are_those_of_the_declared_parameters() -> 
     expected = np.sqrt(own**2 + (0.05 * simulated) ** 2 + (3e-7 * prediction.slope) ** 2)
     np.testing.assert_allclose(both.data[rows], expected[rows], rtol=1e-3)
     # the spread is about the mean of the samples: its square is the variance
-    np.testing.assert_allclose(np.sum(both.of_parameters**2, axis=1), both.input**2, rtol=1e-12, atol=1e-30)
+    np.testing.assert_allclose(np.sum(both.of_samples**2, axis=1), both.input**2, rtol=1e-12, atol=1e-30)
     assert both.count == 400
     nothing = compare(prediction, (), count=5, seed=0)
-    assert (nothing.of_parameters.shape, nothing.of_measurement.shape) == ((12, 0), (12, 0))
+    assert (nothing.of_samples.shape, nothing.of_measurement.shape) == ((12, 0), (12, 0))
     np.testing.assert_array_equal(nothing.data, own)
 
 
@@ -288,7 +291,8 @@ def test_pulses_of_one_reading_share_its_noise_and_those_of_two_do_not() -> None
         covariance = (weights * noise**2) @ weights.T + np.diag([item.numerical**2 for item in pair])
         errors = np.array([item.error for item in pair])
         expected += float(errors @ np.linalg.inv(covariance) @ errors)
-    assert (joint.count, joint.statistic) == (4, pytest.approx(expected, rel=1e-6))
+    # errors count to first order there: pulses are 1 % off, and squares of their errors differ by up to twice that
+    assert (joint.count, joint.statistic) == (4, pytest.approx(expected, rel=0.02))
 
 
 def test_a_scalar_is_within_as_its_uncertainties_say() -> None:

@@ -102,10 +102,10 @@ def resumed(names: Sequence[str], pairs: Pairs, path: Path, *, keep: bool) -> It
         file.write("\n" if lines and not lines[-1].endswith("}") else "")
         for name in names:
             for scene, truth in pairs:
-                if (name, scene.name) not in done and (trial := try_scene(name, scene, truth)) is not None:
-                    file.write(json.dumps(asdict(trial)) + "\n")
+                if (name, scene.name) not in done and (tried := try_scene(name, scene, truth)) is not None:
+                    file.write(json.dumps(asdict(tried)) + "\n")
                     file.flush()
-                    yield trial
+                    yield tried
 
 
 def summary(trials: Sequence[Trial]) -> list[str]:

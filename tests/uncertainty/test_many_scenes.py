@@ -10,7 +10,8 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.uncertainty.replicas import looser_rule, replica_uncertainty
-from tests.helpers.many_scenes import QUANTITIES, many
+from tests.helpers.many_scenes import many
+from tests.helpers.truths import QUANTITIES
 from tests.uncertainty.measure_bars import ALLOWED, OTHERS, REFERENCES, enough, summary, try_backend
 
 #: linear chains in touch, whose references were wrong together by up to 1.4 uncertainties (of crossings and of peaks)
