@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 #: the iteration has converged if both sides differ by less than this fraction of the largest overlap
 CONVERGED = 1e-13
-#: the last cosine coefficients and the overlap at the domain's edge must be below this fraction of the largest
+#: the last cosine coefficients and the overlap at the domain's edge must be below this fraction of the largest, or below
+#: what round-off leaves there as n -> 2
 RESOLVED = 1e-14
 #: upper bound of Newton's last correction: as n -> 2 the error of the amplitude grows as eps/(n - 2)
 DETERMINED = 1e-10
@@ -279,7 +280,8 @@ def _solved(n: float, length: float, points: int) -> WaveShape | None:
     residual = float(np.max(np.abs(r - filtered(box**2, force))) / r[0])
     spectrum = np.abs(dct(force, type=1))
     cut = max(float(np.max(spectrum[-4:]) / spectrum[0]), float(r[-1] / r[0]))
-    if not (residual < CONVERGED and cut < RESOLVED and correction < DETERMINED):
+    resolved = max(RESOLVED, 2.0**-52 / (n - 2.0))
+    if not (residual < CONVERGED and cut < resolved and correction < DETERMINED):
         return None
     velocity = filtered(box, force)
     return WaveShape(
