@@ -350,7 +350,7 @@ def test_claims_stand_in_the_json_without_nan(whole: Path) -> None:
     assert set(record["claims"][0]) == set(Claim.__dataclass_fields__)
     printed, reference, *_ = record["claims"][0]["values"]
     assert printed["uncertainty"] is None
-    assert reference["uncertainty"] == 1e-10
+    assert reference["uncertainty"] == pytest.approx(1e-10, rel=1e-12, abs=0.0)
 
 
 def test_the_page_of_a_paper_loads_nothing_escapes_markup_and_stays_small(whole: Path) -> None:
