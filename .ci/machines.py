@@ -5,8 +5,9 @@
     make machines ARGS="--setting old --check" # one setting; nothing is written into the page
 
 A setting changes the last digits, the threads or the order of sets. One that changes nothing where it should is skipped
-with the reason. Results are kept in ``reports/latest/machines`` until the code changes, so that an interrupted matrix
-goes on; ``--fresh`` begins anew. Exit codes: 0, and 1 where a test failed.
+with the reason. Results without failures are kept in ``reports/latest/machines`` until the code changes, so that an
+interrupted matrix goes on; ``--fresh`` runs all again. The code must not be edited meanwhile. Exit codes: 0, and 1
+where a test failed.
 """
 
 from __future__ import annotations
@@ -137,21 +138,20 @@ def build_libm(folder: Path) -> str:
     return str(target) if built else ""
 
 
-def child_probe(variables: Mapping[str, str]) -> tuple[dict[str, Any], str]:
-    """Return the probe of a process with these variables, and the complaint of a library that does not know them."""
+def child_probe(variables: Mapping[str, str]) -> dict[str, Any]:
+    """Return the probe of a process with these variables, and the complaints of libraries about them."""
     words = [sys.executable, "-W", "error::ImportWarning", str(PROBE)]
     done = subprocess.run(words, env={**os.environ, **variables}, capture_output=True, text=True, check=False)
-    complaint = " ".join(done.stderr.split())
-    return ({} if done.returncode else json.loads(done.stdout)), complaint[-120:]
+    return {"complaint": " ".join(done.stderr.split())[-120:], **({} if done.returncode else json.loads(done.stdout))}
 
 
 def try_setting(setting: Setting, targets: Sequence[str], folder: Path, here: Mapping[str, Any]) -> Outcome:
     """Return what the tests find under a setting, or why this machine does not take it."""
     if setting.lacks:
         return Outcome(reason=setting.lacks)
-    there, complaint = child_probe(setting.variables)
-    if complaint:
-        return Outcome(reason=complaint)
+    there = child_probe(setting.variables)
+    if there["complaint"] != here["complaint"] or "digests" not in there:
+        return Outcome(reason=there["complaint"])
     changed = tuple(name for name in PROBES if there["digests"][name] != here["digests"][name])
     if setting.changes and not set(changed) & set(setting.changes):
         return Outcome(reason=f"it changes no digit of {' or '.join(setting.changes)} here")
@@ -194,15 +194,18 @@ def code_digest() -> str:
 def run_matrix(chosen: Sequence[Setting], options: argparse.Namespace, here: Mapping[str, Any]) -> int:
     """Run the settings that have no result of this code yet, and write a row for each at once; return the failures."""
     kept = options.folder / "results.json"
-    results = {} if options.fresh or not kept.exists() else json.loads(kept.read_text(encoding="utf-8"))
+    results = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
     processor, failures = f"{here['processor']}, {here['libc']}", 0
     for setting in chosen:
         title = setting.title + (" (whole suite)" if options.whole else "")
         key = json.dumps([title, processor, here["versions"], code_digest()])
-        if key not in results:
-            results[key] = asdict(try_setting(setting, () if options.whole else DIGITS, options.folder, here))
-            kept.write_text(json.dumps(results), encoding="utf-8")
-        outcome = Outcome(**results[key])
+        if key in results and not options.fresh:
+            outcome = Outcome(**results[key])
+        else:
+            outcome = try_setting(setting, () if options.whole else DIGITS, options.folder, here)
+            if not outcome.failures:
+                results[key] = asdict(outcome)
+                kept.write_text(json.dumps(results), encoding="utf-8")
         cells = (title, *outcome.cells(processor))
         if not options.check:
             write_rows("machines", [cells])
@@ -217,13 +220,13 @@ def main() -> int:
     parser.add_argument("--setting", action="append", metavar="NAME", help="one or several; default: all of them")
     parser.add_argument("--whole", action="store_true", help="the whole suite; default: under three settings")
     parser.add_argument("--check", action="store_true", help="write nothing into docs/quality.md")
-    parser.add_argument("--fresh", action="store_true", help="forget earlier results")
+    parser.add_argument("--fresh", action="store_true", help="run again what has a result")
     parser.add_argument("--folder", type=Path, default=FOLDER, help="where results and compiled kernels are kept")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
-    here, complaint = child_probe({})
-    if not here:
-        parser.error(complaint)
+    here = child_probe({})
+    if "digests" not in here:
+        parser.error(here["complaint"])
     every = {setting.name: setting for setting in settings(here["features"], build_libm(options.folder))}
     names = options.setting or (WHOLE if options.whole else list(every))
     if unknown := sorted(set(names) - set(every)):

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 #: the iteration has converged if both sides differ by less than this fraction of the largest overlap
 CONVERGED = 1e-13
-#: the last cosine coefficients and the overlap at the domain's edge must be below this fraction of the largest, or below
-#: what round-off leaves there as n -> 2
+#: the last cosine coefficients and the overlap at the domain's edge must be below this fraction of the largest, or
+#: below what round-off leaves there as n -> 2
 RESOLVED = 1e-14
 #: upper bound of Newton's last correction: as n -> 2 the error of the amplitude grows as eps/(n - 2)
 DETERMINED = 1e-10
