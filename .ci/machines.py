@@ -19,6 +19,7 @@ import json
 import os
 import re
 import resource
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -223,6 +224,8 @@ def main() -> int:
     parser.add_argument("--fresh", action="store_true", help="run again what has a result")
     parser.add_argument("--folder", type=Path, default=FOLDER, help="where results and compiled kernels are kept")
     options = parser.parse_args()
+    # a job in the background ignores Ctrl-C, and so would the tests that send it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     options.folder.mkdir(parents=True, exist_ok=True)
     here = child_probe({})
     if "digests" not in here:
