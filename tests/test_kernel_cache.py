@@ -10,6 +10,7 @@ import stat
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -355,6 +356,10 @@ def _top(folder: Path) -> tuple[float, int]:
     return float(value), int(compiled)
 
 
+def _folder(folder: Path) -> Path:
+    return kernel_folders.folder_in(folder / "cache")
+
+
 def _write(folder: Path, **changes: tuple[str, str]) -> None:
     """Write the modules, with changes, all with the times of an old archive."""
     for name, text in _MODULES.items():
@@ -371,6 +376,15 @@ def test_a_changed_helper_is_never_stale_whatever_its_time(tmp_path: Path) -> No
     _write(tmp_path)
     (tmp_path / "ours_c.py").touch()
     assert _top(tmp_path) == (30.5, 0)
+
+
+@pytest.mark.slow
+def test_processes_may_compile_a_kernel_at_once(tmp_path: Path) -> None:
+    _write(tmp_path)
+    with ThreadPoolExecutor(4) as pool:
+        assert [value for value, _ in pool.map(_top, [tmp_path] * 4)] == [30.5] * 4
+    assert _top(tmp_path) == (30.5, 0)
+    assert [path.suffix for path in _folder(tmp_path).iterdir()] == [kernel_cache.SUFFIX] * 3
 
 
 @pytest.mark.slow

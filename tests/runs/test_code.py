@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import pickle
 import shutil
 import subprocess
@@ -12,6 +13,8 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.catalogue import BACKENDS
+from dem_bridge.compiled import Kernel
+from dem_bridge.kernel_content import functions_of
 from dem_bridge.runs import code
 from dem_bridge.runs.code import NOT_IN_RUNS, NOT_IN_STUDIES, PACKAGE, code_of_all, code_of_run, code_of_studies
 from tests.test_architecture import MODULES, _ours
@@ -149,3 +152,17 @@ def test_what_a_process_imports_for_a_run_is_in_the_key(backend: str) -> None:
     files = {MODULES[name].relative_to(PACKAGE).as_posix() for name in names}
     assert "scene.py" in files
     assert files - set(code_of_run(backend, uncertainty=False)) <= {"leftovers.py", "version.py"}
+
+
+def test_the_key_of_a_run_has_all_that_its_kernels_are_compiled_from() -> None:
+    checked = set()
+    for name, uncertainty in RUNS:
+        files = set(code_of_run(name, uncertainty=uncertainty))
+        for file in (file for file in files if "@kernel(" in (PACKAGE / file).read_text(encoding="utf-8")):
+            module = importlib.import_module(".".join(("dem_bridge", *Path(file).with_suffix("").parts)))
+            for kernel in (value for value in vars(module).values() if isinstance(value, Kernel)):
+                for function in functions_of(kernel.py_func):
+                    source = Path(function.__code__.co_filename).relative_to(PACKAGE).as_posix()
+                    assert source in files, (name, file, source)
+                    checked.add((name, source))
+    assert len(checked) > 20
