@@ -221,8 +221,9 @@ def test_cells_and_named_defaults_are_content() -> None:
 
 def test_functions_may_call_themselves_and_each_other() -> None:
     text = "def even(n):\n    return n == 0 or function(n - 1)\ndef function(n):\n    return n != 0 and even(n - 1)"
-    assert closure_digest(_defined(text)) == closure_digest(_defined(text))
-    assert closure_digest(_defined(text)) != closure_digest(_defined(text.replace("n == 0", "n == 1")))
+    texts = (text, f"{text}\n", text.replace("n == 0", "n == 1"))
+    first, again, other = (closure_digest(_defined(definition)) for definition in texts)
+    assert first == again != other
 
 
 def test_what_is_read_from_a_module_is_content() -> None:
