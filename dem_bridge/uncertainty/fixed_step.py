@@ -111,7 +111,7 @@ def doubt_at_moments(family: TwinFamily) -> Doubt:
         step = np.max([factor[ratio] * np.abs(value - here) for ratio, value in there.items()], axis=0)
         step = step + family.scatter * np.ptp(list(there.values()), axis=0)
         parts.append(step + 2.0 * (REALISATIONS * float(roundoff[name]) + float(tables[name])))
-    return Doubt(*parts)
+    return Doubt(parts[0] + moments.lost, parts[1])
 
 
 def time_step_part(family: TwinFamily) -> Part:

@@ -48,7 +48,9 @@ def widen_for_moments(
         widened[name] = np.array(np.broadcast_to(widened[name], run.crossing_time.shape))
     deepest = moments.overlap + doubt.overlap
     certain = moments.felt & (moments.overlap > doubt.overlap)
-    near = np.flatnonzero(moments.touches & (deepest > 0.0) & ~certain)
+    # bodies that fly in touch approach and part by the last digits of their velocities
+    moves = moments.speed > 4.0 * np.spacing(np.max(np.abs(run.velocity)))
+    near = np.flatnonzero(moments.touches & moves & (deepest > 0.0) & ~certain)
     touch = _touches(scene, moments, near, deepest[near], doubt.rate[near])
     at = moments.contact[near]
     np.maximum.at(widened["peak_force"], at, touch.force)
@@ -59,7 +61,8 @@ def widen_for_moments(
     # until the end of the run a closing rate may fall to zero within the uncertainty of a crossing, too
     late = np.where(moments.last, widened["crossing_time"][moments.contact], 0.0)
     slowed = doubt.rate + np.maximum(moments.bend, 1e-300) * late
-    undecided = moments.stops & (np.abs(moments.rate) <= slowed)
+    # a contact that has been slower all the time is at rest so far
+    undecided = moments.stops & (np.abs(moments.rate) <= slowed) & (moments.fastest > doubt.rate)
     widened["crossing_time"][moments.contact[undecided]] = math.inf
     return widened
 

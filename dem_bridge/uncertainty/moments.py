@@ -38,6 +38,9 @@ class Moments:
     """The moment is the end of the run."""
     overlap: Floats
     """Overlap, m; > 0 at a turn if the bodies touched between two samples without any force in the run."""
+    lost: Floats
+    """Change of the overlap, m, from sample to sample beside that by the accelerations at both: a touch between them
+    has changed it, and the overlap in between is uncertain by as much."""
     rate: Floats
     """Closing rate, m/s; 0 at a turn."""
     bend: Floats
@@ -52,6 +55,8 @@ class Moments:
     """Largest closing rate since the contact may have closed, m/s; see :func:`with_ways`."""
     lasting: Floats = field(default_factory=lambda: np.zeros(0))
     """Time since then, s."""
+    fastest: Floats = field(default_factory=lambda: np.zeros(0))
+    """Largest closing or opening rate of the contact before, m/s."""
 
     def __len__(self) -> int:
         return len(self.contact)
@@ -85,6 +90,7 @@ def undecided_moments(
         time=time,
         last=last,
         overlap=overlap,
+        lost=np.where(last, 0.0, _lost(seen, rows, contact)),
         rate=np.where(touches & ~last, 0.0, rate),
         bend=np.where(last, bends[1], np.max(bends, axis=0)),
         touches=touches,
@@ -93,19 +99,28 @@ def undecided_moments(
     )
 
 
+def _lost(seen: Mapping[str, NDArray[Any]], rows: Indices, contact: Indices) -> Floats:
+    """Return the change of overlaps from the samples ``rows`` to the next that no linear acceleration makes, m."""
+    width = seen["time"][rows + 1] - seen["time"][rows]
+    before, after = ({name: seen[name][row, contact] for name in seen if name != "time"} for row in (rows, rows + 1))
+    expected = width * (before["rate"] + width * (2.0 * before["acceleration"] + after["acceleration"]) / 6.0)
+    return np.asarray(np.abs(after["overlap"] - before["overlap"] - expected), dtype=np.float64)
+
+
 def with_ways(moments: Moments, seen: Mapping[str, NDArray[Any]], overlap: Floats) -> Moments:
-    """Return moments with the largest closing rate, and the time, since the contact came within ``overlap`` of touch.
+    """Return moments with what the contact did before, since it came within ``overlap`` of touch and since the start.
 
     ``seen`` is the run as :func:`~dem_bridge.backends.steps.approach_of` returns it; ``overlap (n_moment,)`` in m.
     """
-    speed, lasting = np.zeros(len(moments)), np.zeros(len(moments))
+    speed, lasting, fastest = np.zeros(len(moments)), np.zeros(len(moments)), np.zeros(len(moments))
     rows = np.searchsorted(seen["time"], moments.time, side="right")
     for each, (row, k) in enumerate(zip(rows.tolist(), moments.contact.tolist(), strict=True)):
         far = np.flatnonzero(seen["overlap"][:row, k] < -overlap[each])
         first = int(far[-1]) if len(far) else 0
         speed[each] = np.max(seen["rate"][first : row + 1, k], initial=0.0)
         lasting[each] = moments.time[each] - seen["time"][first]
-    return replace(moments, speed=speed, lasting=lasting)
+        fastest[each] = np.max(np.abs(seen["rate"][:row, k]))
+    return replace(moments, speed=speed, lasting=lasting, fastest=fastest)
 
 
 def read_at(seen: Mapping[str, NDArray[Any]], contact: Indices, time: Floats) -> tuple[Floats, Floats]:
@@ -176,7 +191,7 @@ def _ends(seen: Mapping[str, NDArray[Any]], moved: Booleans, reach: float, slow:
     """Return which contacts are near touch, or near their first maximum of compression, when the run ends."""
     overlap, rate, bend = (seen[name][-1] for name in ("overlap", "rate", "acceleration"))
     # a contact that is pressed on has closed, if ever so little; one that nothing has moved is where it was
-    pressed, still = (overlap >= 0.0) & (bend > 0.0), (rate == 0.0) & (overlap == seen["overlap"][0])
+    pressed, still = (overlap >= 0.0) & (bend > 0.0), np.all(seen["rate"] == 0.0, axis=0)
     touches = (rate >= 0.0) & (np.abs(overlap) <= reach) & ~pressed & ~still
     spacing = seen["time"][-1] - seen["time"][-2]
     stops = (overlap > least) & (rate > 0.0) & (bend < 0.0) & moved[-1] & (rate <= slow - bend * spacing)

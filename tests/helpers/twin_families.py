@@ -40,7 +40,15 @@ def changed(run: Trajectory = OWN, **differences: Any) -> Trajectory:
 
 def moment(contact: int, time: float, *, overlap: float = 0.0, rate: float = 0.0, bend: float, **parts: Any) -> Moments:
     """One moment: a contact turns between two open samples, unless ``parts`` say otherwise."""
-    numbers = {"overlap": overlap, "rate": rate, "bend": bend, "speed": 1.0, "lasting": time}
+    numbers = {
+        "overlap": overlap,
+        "rate": rate,
+        "bend": bend,
+        "lost": 0.0,
+        "speed": 1.0,
+        "lasting": time,
+        "fastest": 2.0,
+    }
     kinds = {"last": False, "touches": True, "felt": False, "stops": False}
     values = {"contact": contact, "time": time, **numbers, **kinds} | parts
     return Moments(**{name: np.array([value]) for name, value in values.items()})

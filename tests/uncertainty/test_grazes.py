@@ -76,7 +76,8 @@ def test_below_n_2_the_first_motions_ahead_of_a_front_are_too_brief_for_any_step
     assert np.any(error > 0.1 * scene.duration), "no contact is seen to turn ahead of the front?"
     assert np.all(error <= allowed)
     # where the front has been they are known
-    assert np.all(np.isfinite(run.uncertainty["crossing_time"][:6]))
+    # (the sixth has a closing rate that falls to 7e-7 m/s on the way, and is uncertain by twice that)
+    assert np.all(np.isfinite(run.uncertainty["crossing_time"][:5]))
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,15 @@ def test_a_touch_between_two_open_samples_is_undecided_however_exact_the_run() -
     assert turn.overlap == pytest.approx([2e-5], rel=1e-6)
 
 
+def test_what_a_touch_between_two_samples_changes_is_an_error_of_reading() -> None:
+    jump = found(
+        lambda t: -1e-5 - (t - 0.505) ** 2 - 3e-6 * (t > 0.505), lambda t: -2.0 * (t - 0.505), lambda t: -2.0
+    )  # fmt: skip
+    assert jump.lost == pytest.approx([3e-6], rel=1e-6)
+    smooth = found(lambda t: -1e-5 - (t - 0.505) ** 2, lambda t: -2.0 * (t - 0.505), lambda t: -2.0)
+    assert smooth.lost == pytest.approx([0.0], abs=1e-15)
+
+
 @pytest.mark.parametrize(
     ("overlap", "rate", "bend", "touches"),
     [
@@ -132,11 +141,11 @@ def test_a_motion_is_read_between_samples_and_since_it_came_near() -> None:
     assert rate == pytest.approx([4.0 * 0.05**3, 1.1, 4.0], rel=1e-12)
     end = Moments(**{name: np.array([value]) for name, value in {
         "contact": 1, "time": 1.0, "last": True, "overlap": 0.0, "rate": 2.0, "bend": -2.0, "touches": True,
-        "felt": False, "stops": False,
+        "felt": False, "stops": False, "lost": 0.0,
     }.items()})  # fmt: skip
     # it was 0.36 m away at 0.8 s
     near = with_ways(end, seen, np.array([0.3]))
-    assert (near.speed[0], near.lasting[0]) == pytest.approx((2.0, 0.2), rel=1e-12)
+    assert (near.speed[0], near.lasting[0], near.fastest[0]) == pytest.approx((2.0, 0.2, 2.0), rel=1e-12)
 
 
 KINDS = {"dragged": dragged, "thrown": thrown, "shaken": shaken, "arriving": arriving}

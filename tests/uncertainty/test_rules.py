@@ -145,6 +145,20 @@ PARTS: dict[str, Part] = {
                elsewhere={2.0: there(0.1, 0.22), 1 / 3: there(0.1, 0.1)}),
         crossing_time=(math.inf, 0.0),
     ),
+    "contact at rest": Part(
+        family(
+            moments=moment(
+                0, 0.05, overlap=0.1, rate=0.1, bend=-1.0, touches=False, felt=True, stops=True, fastest=0.11
+            ),
+            elsewhere={2.0: there(0.1, 0.22), 1 / 3: there(0.1, 0.1)},
+        ),
+    ),
+    "bodies that fly in touch": Part(
+        family(
+            moments=moment(0, 0.05, overlap=-1e-3, bend=3.4, speed=1e-15),
+            elsewhere={2.0: there(-2e-3), 1 / 3: there(-1.8e-3)},
+        ),
+    ),
     "closing that goes on": Part(
         family(moments=moment(0, 0.05, overlap=0.1, rate=0.5, bend=-1.0, touches=False, felt=True, stops=True),
                elsewhere={2.0: there(0.1, 0.62), 1 / 3: there(0.1, 0.5)}),
@@ -262,6 +276,12 @@ def _without_doubt(family: TwinFamily) -> grazes.Doubt:
     return grazes.Doubt(none, none)
 
 
+def _without_rest(total: Any, scene: Scene, run: Any, moments: Any, doubt: grazes.Doubt) -> Any:
+    lively = replace(moments, speed=np.maximum(moments.speed, 0.2), fastest=moments.fastest + 1.0)
+    return WIDEN(total, scene, run, lively, doubt)
+
+
+WIDEN = grazes.widen_for_moments
 NO_TOUCH = grazes._Touch(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool))
 TIME_STEP = {name for name in PARTS if name.startswith("time step")}
 GRAZES = {"undetected graze", "graze after the first compression", "end of the run near touch"}
@@ -307,6 +327,9 @@ FAULTS: dict[str, tuple[Any, str, Any, set[str]]] = {
     "all moments are as unsure as the largest error": (
         fixed_step, "doubt_at_moments", lambda family: grazes.Doubt(np.ones(1), np.ones(1)),
         MOMENTS - {"first maximum that may be earlier"} | {"turn too far from touch", "closing that goes on"},
+    ),
+    "all that is undecided counts": (
+        fixed_step, "widen_for_moments", _without_rest, {"contact at rest", "bodies that fly in touch"},
     ),
     "no touch is felt": (grazes, "_touches", lambda *about: NO_TOUCH, GRAZES),
 }  # fmt: skip
