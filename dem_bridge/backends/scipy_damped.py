@@ -24,7 +24,7 @@ from scipy.optimize import minimize_scalar
 from dem_bridge.backends import scipy_kernels as kernels
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.scales import UNFELT, natural_scales
-from dem_bridge.backends.scipy_integration import Integration, Step, root_of
+from dem_bridge.backends.scipy_integration import Integration, Step, put_on_its_side, root_of
 from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, SLACK, Floats
 from dem_bridge.errors import RunBroken
 from dem_bridge.scene import Scene
@@ -76,7 +76,7 @@ class DampedIntegration(Integration):
         else:
             state[contact] = OPEN if at_touch and parting else PRESSING
         if at_touch:
-            y[contact] = 0.0
+            put_on_its_side(contact, y, state)
 
     def _margins(self, rows: Floats, state: NDArray[Any]) -> Floats:
         """Return how far each contact is from a change of its state, ``(n_row, n_contact)``: see the kernel."""
@@ -106,6 +106,7 @@ class DampedIntegration(Integration):
                 return float(self._margins(step.dense(t)[None], state)[0, contact])
 
             events.append((root_of(margin, float(times[before[-1]]), float(times[first])), contact))
+        events += self._grazes(solver, step, state)
         event = min(events, default=None)
         if event is not None:
             self.at_once = self.at_once + 1 if event[0] == self.last_event else 0
@@ -113,6 +114,18 @@ class DampedIntegration(Integration):
             if self.at_once > MOST_AT_ONCE * self.k:
                 raise RunBroken(f"scipy on {self.scene.name}: contact {event[1]} chatters at t = {event[0]:.6g} s")
         return event
+
+    def _grazes(self, solver: DOP853, step: Step, state: NDArray[Any]) -> list[tuple[float, int]]:
+        """Return (time, contact) of open contacts that close within the last step and may open again between probes."""
+        events = []
+        for contact in np.flatnonzero((self.marks & kernels.TURNS) * (state == OPEN)).tolist():
+            turning, overlap = step.turning_time(contact, solver.t_old, solver.t), step.component(contact)
+            top = overlap(turning)
+            if top <= self.touch[contact]:
+                self._note_turn(contact, top)
+            elif solver.y_old[contact] < 0.0:
+                events.append((root_of(overlap, solver.t_old, turning), contact))
+        return events
 
     def _note_peaks(self, solver: DOP853, step: Step, until: float, state: NDArray[Any]) -> None:
         """Keep crossings, and largest forces wherever in the step they are, its start after a jump included."""

@@ -58,6 +58,6 @@ class ScipyDop853(AlwaysAvailable):
             **{name: getattr(integration, name) for name in VOCABULARY},
             cost=Cost.since(watch, steps=integration.steps, force_evaluations=integration.evaluations),
             provenance=run_provenance(self, scene, {"rtol": rtol, "samples": sampling.count})
-            | {"restarts": integration.restarts},
+            | {"restarts": integration.restarts, "first_turns": integration.turns_near_touch()},
         )
         return in_rest_frame(run, velocity)

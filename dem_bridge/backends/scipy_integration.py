@@ -40,6 +40,8 @@ REST_SHARE = 1e-2
 #: DOP853's error to see it. A first step of a tenth of the contact's time cost n = 2.000001 1.7e-11 of the peak force,
 #: at all tolerances alike; this part of ``d/u`` costs 1e-15
 NEARLY_WHOLE, SHORT = 0.01, 1e-3
+#: part of the overlap that the energy allows, below which a run states the overlap at a contact's first turn
+NEAR_TOUCH = 1e-6
 #: fractions of a step that begins with a closing rate of exactly 0 at which its sign is evaluated: it may turn at once
 PROBES = 2.0 ** np.arange(-20, 1)
 
@@ -94,6 +96,14 @@ def root_of(function: Callable[[float], float], low: float, high: float) -> floa
     return float(brentq(function, low, high, xtol=1e-300, rtol=1e-15, maxiter=2000))
 
 
+def put_on_its_side(contact: int, y: Floats, state: NDArray[Any]) -> None:
+    """Set the overlap of a contact that has just opened or closed to 0 if its sign is that of the state before.
+
+    The event may be up to the unfelt overlap late. A later overlap is kept: a displacement may be as small as that.
+    """
+    y[contact] = min(y[contact], 0.0) if state[contact] == OPEN else max(y[contact], 0.0)
+
+
 class Integration:
     """One run. State: overlap of every contact (negative: open), velocity of every body, displacement of body 0.
 
@@ -126,6 +136,7 @@ class Integration:
         self.displacement, self.velocity = np.zeros((rows, n)), np.zeros((rows, n))
         self.contact_force = np.zeros((rows, k))
         self.peak_force, self.crossing_time = np.zeros(k), np.full(k, np.nan)
+        self.first_turns: dict[int, float] = {}
 
     def run(self) -> None:
         """Integrate from event to event until the end of the scene."""
@@ -186,8 +197,8 @@ class Integration:
 
     def _switch(self, contact: int, y: Floats, state: NDArray[Any]) -> None:
         """Open or close a contact, in place."""
-        y[contact] = 0.0
         state[contact] = OPEN if state[contact] == PRESSING else PRESSING
+        put_on_its_side(contact, y, state)
 
     def _step_to(self, at: float, step: Step) -> Floats:
         """Return the state at ``at`` inside the last step, by a step of its own: the dense output is an order lower."""
@@ -260,6 +271,8 @@ class Integration:
                 # it may have crossed and come back, or come from touch and gone too far: the turning point decides
                 turning = step.turning_time(contact, low, high)
                 extreme = side * overlap(turning)
+                if state[contact] == OPEN and extreme >= -touch:
+                    self._note_turn(contact, -extreme)
                 if ends >= -touch:
                     high, ends = turning, extreme
                 elif begins <= 0.0 and extreme > touch:
@@ -307,6 +320,8 @@ class Integration:
             if when > until:
                 continue
             y = step.dense(when)
+            if math.isnan(self.crossing_time[contact]):
+                self._note_turn(contact, float(y[contact]))
             if y[contact] <= self.touch[contact]:
                 continue
             if not self._is_pushed(contact, when, y, state):
@@ -322,6 +337,18 @@ class Integration:
                 slowing = self._slowing(contact, when, y, state)
                 late = self._closing(y)[contact] / slowing if slowing > 0.0 else 0.0
                 self.crossing_time[contact] = min(max(when + late, solver.t_old), solver.t)
+
+    def _note_turn(self, contact: int, overlap: float) -> None:
+        """Keep the overlap of a turn of a contact up to its first crossing, of several turns that nearest to touch."""
+        self.first_turns[contact] = min(overlap, self.first_turns.get(contact, math.inf), key=abs)
+
+    def turns_near_touch(self) -> dict[str, float]:
+        """Return the overlap, m, at the first turn of each contact where it is a small part of what the energy allows.
+
+        The keys are the numbers of the contacts.
+        """
+        near = NEAR_TOUCH * natural_scales(self.scene)[1]
+        return {str(contact): top for contact, top in self.first_turns.items() if abs(top) <= near[contact]}
 
     def _is_pushed(self, contact: int, when: float, y: Floats, state: NDArray[Any]) -> bool:
         """Return whether more than round-off ends the compression of a contact."""

@@ -281,9 +281,17 @@ def integrate(  # type: ignore[no-untyped-def]
                     if value(s[q], order, turns[turn]) > level:
                         upto = turns[turn]  # it may come and go
                         break
-                if value(s[q], order, upto) > level:
-                    r = root(s[q], order, level, 0.0, upto)
-                    kind, which = 2 if overlap[q] < 0.0 else 3, q
+                if value(s[q], order, upto) <= level:
+                    continue
+                at = root(s[q], order, level, 0.0, upto)
+                if level == 0.0:
+                    pull = value(g[a[q]], order, at) - value(g[b[q]], order, at)
+                    if _is_slow(value(u[q], order, at), pull, tiny[q]):
+                        level = tiny[q]
+                        if value(s[q], order, upto) <= level:
+                            continue
+                        at = root(s[q], order, level, at, upto)
+                r, kind, which = at, 2 if level == 0.0 else 3, q
             if kind != 4:
                 stop = min(now + value(t_series, order, r), end)
             for q in range(contacts):
@@ -342,10 +350,14 @@ def integrate(  # type: ignore[no-untyped-def]
             for i in (c_left[joins], c_right[joins]):
                 if where[i] < 0:
                     _coast(i, now, x_all, v_all, t_all, weight_all)
-            # the closing rate has grown from exactly 0: see _collision
             pull = weight_all[c_left[joins]] - weight_all[c_right[joins]]
-            rested = s_all[joins] >= 0.0 and pull > 0.0 and now > ts_all[joins]
-            s_all[joins], ts_all[joins] = touch[joins] if rested else 0.0, now
+            lag = now - ts_all[joins]
+            rate = v_all[c_left[joins]] - v_all[c_right[joins]] - lag * pull
+            if _is_pulled(s_all[joins], rate, pull, touch[joins]):
+                s_all[joins] = touch[joins]
+            elif lag > 0.0 or s_all[joins] < 0.0:
+                s_all[joins] = 0.0
+            ts_all[joins] = now
             shuttings += 1
         if joins >= 0 and not shut[joins]:
             shut[joins] = True
@@ -402,16 +414,35 @@ def _open(j, shut, shut_list, shut_at, count):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _collision(overlap, rate, pull, touch):  # type: ignore[no-untyped-def]
-    """Return the time until two coasting bodies touch, s; inf: never.
+def _is_slow(rate, pull, touch):  # type: ignore[no-untyped-def]
+    """Return whether a contact with this closing rate at an overlap of 0 reaches ``touch`` by its acceleration.
 
-    ``pull``: difference of their accelerations. Bodies in touch that are pulled together meet at an overlap of
-    ``touch``: without a closing rate nothing can start at 0.
+    Without a rate nothing can start at 0, for dt = w dr stands still there. Such a contact starts at ``touch``, where
+    its force begins to be felt.
     """
+    return rate * rate <= 2.0 * pull * touch
+
+
+@kernel()
+def _is_pulled(overlap, rate, pull, touch):  # type: ignore[no-untyped-def]
+    """Return whether two coasting bodies meet at an overlap of ``touch`` and not of 0."""
+    return pull > 0.0 and rate * rate - 2.0 * pull * min(overlap, 0.0) <= 2.0 * pull * touch
+
+
+@kernel()
+def _collision(overlap, rate, pull, touch):  # type: ignore[no-untyped-def]
+    """Return the time until two coasting bodies begin a contact, s; inf: never.
+
+    ``pull``: difference of their accelerations.
+    """
+    if _is_pulled(overlap, rate, pull, touch):
+        way = max(touch - overlap, 0.0)
+        wide = np.sqrt(rate * rate + 2.0 * pull * way)
+        return 2.0 * way / (rate + wide) if rate > 0.0 else (wide - rate) / pull
     if overlap >= 0.0 and rate > 0.0:
         return 0.0
     if overlap >= 0.0:
-        return (-rate + np.sqrt(rate * rate + 2.0 * pull * max(touch - overlap, 0.0))) / pull if pull > 0.0 else np.inf
+        return (np.sqrt(rate * rate - 2.0 * pull * overlap) - rate) / pull if pull > 0.0 else np.inf
     if pull == 0.0:
         return -overlap / rate if rate > 0.0 else np.inf
     # overlap + rate t + pull t^2 / 2 = 0, the first root > 0, without cancellation

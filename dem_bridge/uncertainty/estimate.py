@@ -85,6 +85,7 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
     if case.backend not in REPLICAS:
         return run.uncertainty
     from dem_bridge.backends.scipy_dop853 import ScipyDop853
+    from dem_bridge.uncertainty.near_turns import widen_for_near_turns
     from dem_bridge.uncertainty.replicas import looser_rule, replica_uncertainty, rule_of
 
     looser = looser_cases(case)
@@ -96,7 +97,7 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
     for number, other in enumerate(looser, start=1):
         with progress.share(number / (1 + len(looser)), 1.0 / (1 + len(looser))):
             runs.append(cache.load_or_solve(other, partial(other.solve, scipy)))
-    return replica_uncertainty(run, runs, looser_rule(case.scene))
+    return widen_for_near_turns(replica_uncertainty(run, runs, looser_rule(case.scene)), case.scene, run, runs)
 
 
 def parts_of(case: Case, cache: RunCache) -> tuple[Case, ...] | None:
