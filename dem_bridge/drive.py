@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -112,6 +113,40 @@ class Drive:
             angle = (first + 0.5 * (last - first) / sweep * swept) * swept + last * (t - swept)
         envelope = np.sin(0.5 * math.pi / self.rise * np.minimum(t, self.rise)) ** 2 if self.rise > 0.0 else 1.0
         return np.asarray(self.peak * envelope * np.sin(angle + math.radians(self.phase)))
+
+    def function(self) -> Callable[[float], float]:
+        """Return a function of one time, s, with the values of :meth:`at`, N, for integrators that evaluate one by one.
+
+        It takes a microsecond where :meth:`at` takes ten.
+
+        Examples
+        --------
+        >>> hum = Drive(shape="sine", force=0.5, frequency=1000.0, rise=5e-4)
+        >>> round(hum.function()(2.5e-4 / 2.0), 12) == round(float(hum.at(2.5e-4 / 2.0)), 12)
+        True
+        """
+        if self.shape == "table":
+            knots, forces = self._knots
+            interval, values, last = float(knots[1]), forces.tolist(), len(forces) - 2
+
+            def interpolated(t: float) -> float:
+                place = t / interval
+                cell = min(int(place), last)
+                return float(values[cell] + (values[cell + 1] - values[cell]) * min(place - cell, 1.0))
+
+            return interpolated
+        frequency, last_frequency, sweep = self._numbers
+        first, last_turn = 2.0 * math.pi * frequency, 2.0 * math.pi * last_frequency
+        growth = 0.5 * (last_turn - first) / sweep if self.shape == "chirp" else 0.0
+        peak, rise, phase, chirps = self.peak, self.rise, math.radians(self.phase), self.shape == "chirp"
+
+        def wave(t: float) -> float:
+            swept = min(t, sweep)
+            angle = (first + growth * swept) * swept + last_turn * (t - swept) if chirps else first * t
+            envelope = math.sin(0.5 * math.pi / rise * min(t, rise)) ** 2 if rise > 0.0 else 1.0
+            return peak * envelope * math.sin(angle + phase)
+
+        return wave
 
     @cached_property
     def _knots(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -162,3 +162,21 @@ def test_what_is_no_drive_is_refused_in_one_line(changes: dict[str, Any], said: 
 @pytest.mark.parametrize("shape", DRIVES)
 def test_every_key_of_a_drive_belongs_to_a_shape(shape: str) -> None:
     assert all(getattr(DRIVES[shape], key) is not None for key in KEYS[shape])
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        Drive(shape="sine", force=0.7, frequency=930.0, phase=30.0),
+        Drive(shape="sine", force=0.7, frequency=930.0, rise=2e-3),
+        Drive(shape="chirp", force=2.0, frequency=50.0, last_frequency=900.0, sweep=3e-3, phase=-75.0, rise=1e-3),
+        Drive(shape="table", force=(0.5, -2.0, 1.0, 3.0), interval=1.3e-3),
+    ],
+    ids=["sine", "rise", "chirp", "table"],
+)
+def test_the_function_of_one_time_has_the_values_of_all(drive: Drive) -> None:
+    times = np.linspace(0.0, 6e-3, 301)
+    function = drive.function()
+    values = [function(t) for t in times.tolist()]
+    # two sines of different libraries, of angles up to 30 rad
+    np.testing.assert_allclose(values, drive.at(times), rtol=0.0, atol=1e-14 * drive.peak)

@@ -76,7 +76,7 @@ class DampedIntegration(Integration):
         else:
             state[contact] = OPEN if at_touch and parting else PRESSING
         if at_touch:
-            put_on_its_side(contact, y, state)
+            put_on_its_side(contact, y, state, float(self.touch[contact]))
 
     def _margins(self, rows: Floats, state: NDArray[Any]) -> Floats:
         """Return how far each contact is from a change of its state, ``(n_row, n_contact)``: see the kernel."""

@@ -40,6 +40,8 @@ REST_SHARE = 1e-2
 #: DOP853's error to see it. A first step of a tenth of the contact's time cost n = 2.000001 1.7e-11 of the peak force,
 #: at all tolerances alike; this part of ``d/u`` costs 1e-15
 NEARLY_WHOLE, SHORT = 0.01, 1e-3
+#: part of the unfelt overlap that is round-off of a located event
+LATE = 1e-3
 #: part of the overlap that the energy allows, below which a run states the overlap at a contact's first turn
 NEAR_TOUCH = 1e-6
 #: fractions of a step that begins with a closing rate of exactly 0 at which its sign is evaluated: it may turn at once
@@ -96,12 +98,29 @@ def root_of(function: Callable[[float], float], low: float, high: float) -> floa
     return float(brentq(function, low, high, xtol=1e-300, rtol=1e-15, maxiter=2000))
 
 
-def put_on_its_side(contact: int, y: Floats, state: NDArray[Any]) -> None:
-    """Set the overlap of a contact that has just opened or closed to 0 if its sign is that of the state before.
+def put_on_its_side(contact: int, y: Floats, state: NDArray[Any], touch: float) -> None:
+    """Set the overlap of a contact that has just opened or closed to 0 if it is 0 but for the digits of a root.
 
-    The event may be up to the unfelt overlap late. A later overlap is kept: a displacement may be as small as that.
+    An event may be late by up to the unfelt overlap ``touch``, m. Such an overlap is kept, for a displacement may be as
+    small as that, unless its sign is that of the state before.
     """
-    y[contact] = min(y[contact], 0.0) if state[contact] == OPEN else max(y[contact], 0.0)
+    late = abs(y[contact]) > LATE * touch
+    y[contact] = (min if state[contact] == OPEN else max)(y[contact], 0.0) if late else 0.0
+
+
+def rounded_overlap(scene: Scene) -> Floats:
+    """Return the part of each overlap of a precompressed chain, m, that the digits of its bodies' velocities hide.
+
+    The last digit of a velocity that two bodies have in common is a closing rate; the overlap is unknown by what it
+    grows by in a radian of its oscillation about the static overlap. A tenth of that leaves the result as it is.
+    Without this bound steps follow round-off: a chain that flies at 14 m/s from a wall took 108,000 for 165 periods.
+    """
+    c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    velocity, static = np.abs(np.append(scene.velocity, 0.0)), np.maximum(-c.gap, 1e-300)
+    tangent = c.stiffness * (c.exponent - 1.0) * static ** (c.exponent - 2.0)
+    frequency = np.sqrt(tangent * (mobility[c.left] + mobility[c.right]))
+    common = np.minimum(velocity[c.left], velocity[c.right])
+    return np.asarray(0.1 * float(np.finfo(float).eps) * common / frequency)
 
 
 class Integration:
@@ -126,6 +145,7 @@ class Integration:
         rest = np.concatenate([np.zeros(k), np.full(n, resting_speed(scene)), [np.max(-c.gap, initial=0.0)]])
         if scene.precompression > 0.0:
             self.atol = np.maximum(self.atol, REST_SHARE * rtol * rest)
+            self.atol[:k] = np.maximum(self.atol[:k], rounded_overlap(scene))
         self.resting = resting_acceleration(scene)
         away = np.abs(c.exponent - np.round(c.exponent))
         self.nearly_whole = (
@@ -137,6 +157,7 @@ class Integration:
         self.contact_force = np.zeros((rows, k))
         self.peak_force, self.crossing_time = np.zeros(k), np.full(k, np.nan)
         self.first_turns: dict[int, float] = {}
+        self.drive = None if scene.drive is None else scene.drive.function()
 
     def run(self) -> None:
         """Integrate from event to event until the end of the scene."""
@@ -188,7 +209,8 @@ class Integration:
     def _longest_start(self, y: Floats) -> float:
         """Return the longest first step, s, where a contact of nearly whole exponent begins; else inf."""
         rate, contacts = self._closing(y), self.contacts
-        begins = self.nearly_whole[(y[self.nearly_whole] == 0.0) & (rate[self.nearly_whole] > 0.0)]
+        in_touch = (y[self.nearly_whole] >= 0.0) & (y[self.nearly_whole] <= self.touch[self.nearly_whole])
+        begins = self.nearly_whole[in_touch & (rate[self.nearly_whole] > 0.0)]
         mobility = np.append(self.bodies["mobility"], 0.0)
         both = mobility[contacts["left"][begins]] + mobility[contacts["right"][begins]]
         n = contacts["power"][begins] + 1.0
@@ -198,7 +220,7 @@ class Integration:
     def _switch(self, contact: int, y: Floats, state: NDArray[Any]) -> None:
         """Open or close a contact, in place."""
         state[contact] = OPEN if state[contact] == PRESSING else PRESSING
-        put_on_its_side(contact, y, state)
+        put_on_its_side(contact, y, state, float(self.touch[contact]))
 
     def _step_to(self, at: float, step: Step) -> Floats:
         """Return the state at ``at`` inside the last step, by a step of its own: the dense output is an order lower."""
@@ -237,13 +259,13 @@ class Integration:
 
     def _slope(self, state: NDArray[Any]) -> Callable[[float, Floats], Floats]:
         """Return the right-hand side for a fixed state of the contacts: smooth across the closing of any other."""
-        k, contacts, bodies, drag, drive = self.k, self.contacts, self.bodies, self.scene.drag, self.scene.drive
+        k, contacts, bodies, drag, drive = self.k, self.contacts, self.bodies, self.scene.drag, self.drive
         derivative, nothing = kernels.derivative.compiled, np.empty(0)
 
         def slope(t: float, y: Floats) -> Floats:
             out = np.empty_like(y)
             elastic = self._elastic(y[:k]) if self.laws else nothing
-            push = 0.0 if drive is None else float(drive.at(t))
+            push = 0.0 if drive is None else drive(t)
             derivative(y, state, elastic, contacts, bodies, drag, push, out)
             return out
 

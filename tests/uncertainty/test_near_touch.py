@@ -96,7 +96,7 @@ def test_a_gap_that_is_nothing_beside_the_overlaps_costs_nothing(gap: float, cod
 
 
 def test_an_overlap_that_is_shifted_at_touch_would_be_outside(monkeypatch: pytest.MonkeyPatch) -> None:
-    def shifted(contact: int, y: Any, state: Any) -> None:
+    def shifted(contact: int, y: Any, *_: Any) -> None:
         y[contact] = 1e-9 * 1e-4  # of overlaps of 1e-4 m
 
     assert max(_ratios(ROW, "scipy").values()) <= 1.0
