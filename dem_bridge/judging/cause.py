@@ -146,7 +146,15 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
             evidence="Time step and digits explain the difference.",
             step=step_error(search.decision, none),
         )
-    if (size := float(np.max(search.errors))) > UNSTABLE:
+    size = float(np.max(search.errors))
+    if none.stepping is not None and none.error < min(SMALL, size / FLOORS):
+        # no fault that is left would be 50 floors, of which the error of the step is one
+        return Diagnosis(
+            cause="none",
+            evidence=f"The time step explains the difference but for {none.error:.2g} of the largest value.",
+            step=step_error(search.decision, none),
+        )
+    if size > UNSTABLE:
         sentence = f"Values grow to {size:.2g} of the largest value of the scene, as those of an unstable step do."
         return Diagnosis(cause="unknown", evidence=sentence)
     stated = statements(scene, record)

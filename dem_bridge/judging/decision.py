@@ -28,6 +28,8 @@ RESOLVED = 12.0
 UNEXPLAINED = 0.3
 #: parts of the samples that lead a fit to parameters on which late samples depend strongly
 LEADING = (0.1, 0.2, 0.4, 0.6, 0.8)
+#: most steps of a run for a hypothesis without parameters, which is one run
+MOST_OF_ONE = 10_000_000
 #: steps that are tried in a row, each found from the error at the one before
 ROUNDS = 10
 
@@ -67,7 +69,7 @@ class Decision:
             return self._rounded(hypothesis, p)
         best = self._evaluated(hypothesis, p)
         dt, end = self.data.dt, float(self.data.time[-1])
-        if best.rms < ENOUGH or (dt is not None and end / dt > MOST_STEPS):
+        if best.rms < ENOUGH or (dt is not None and end / dt > (MOST_STEPS if hypothesis.size else MOST_OF_ONE)):
             return best
         for trial in self._stepped(hypothesis, best, rival):
             best = trial if trial.rms < best.rms else best

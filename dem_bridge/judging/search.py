@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -54,10 +55,14 @@ class Search:
         self.base, self.exact, self.errors = self.decision.base, self.decision.exact, self.decision.errors
         self.none = Hypothesis("none", lambda p: self.base, "The scene itself.")
         self.rows = len(self.data.time)
+
+    @cached_property
+    def fitter(self) -> Fitter:
+        """Fits to the file, which no right file needs."""
         size = float(np.max(self.errors))
         # the model errs by up to ten thousand tolerances of its steps, where bodies collide often
         tolerance = SEARCH if size > 1e-2 else DECISION if size < 1e-4 else 1e-11
-        self.fitter = Fitter(self.data, self.decision.time_step_error(), tolerance)
+        return Fitter(self.data, self.decision.time_step_error(), tolerance)
 
     # ------------------------------------------------------------------ ranking
     def windows(self) -> list[int]:

@@ -63,8 +63,10 @@ def step_error(decision: Decision, fit: Fit) -> StepError | None:
     if fit.stepping is None:
         return None
     method, dt = fit.stepping
-    end = float(decision.data.time[-1])
-    errors = {dt: _error(decision, fit, fit.stepping)}
+    data = decision.data
+    end = float(data.time[-1])
+    # the step explains the errors of the file, which need no run of the method
+    errors = {dt: data.largest(decision.exact, [block.values for block in data.blocks])[0] / data.blocks[0].scale}
     for factor in (2.0, 0.5):
         step = dt
         for _ in range(ROUNDS):
@@ -74,7 +76,7 @@ def step_error(decision: Decision, fit: Fit) -> StepError | None:
             step = factor * step
             errors[step] = _error(decision, fit, Stepping(method, step))
     known = [(step, error) for step, error in sorted(errors.items()) if 0.0 < error < UNRESOLVED or step == dt]
-    return StepError(dt=dt, stated=decision.data.dt is not None, curve=tuple(known))
+    return StepError(dt=dt, stated=data.dt is not None, curve=tuple(known))
 
 
 def _error(decision: Decision, fit: Fit, stepping: Stepping) -> float:
