@@ -99,10 +99,22 @@ def test_the_command_line_takes_a_scheduler_file(cluster: Cluster, tmp_path: Pat
     assert "were both given; allowed: one of them" in both.stderr
 
 
-def test_a_worker_with_another_version_is_refused(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(identity, "__version__", "9.9")
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("__version__", "9.9", r"9\.9 with code \w{12}"),
+        ("_code", lambda: "0123456789ab", r"0\.\S+ with code 0123456789ab"),
+    ],
+    ids=["version", "code"],
+)
+def test_a_worker_with_another_version_or_other_code_is_refused(
+    name: str, value: Any, allowed: str, cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identity, name, value)
     with (
-        pytest.raises(UsageError, match=r"the worker tcp://\S+ has dem_bridge 0\.\S+ with code \w{12}; allowed: 9\.9"),
+        pytest.raises(
+            UsageError, match=rf"the worker tcp://\S+ has dem_bridge 0\.\S+ with code \w{{12}}; allowed: {allowed}"
+        ),
         connected(str(cluster.file)),
     ):
         pass

@@ -13,10 +13,11 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.campaign import identity, run_cases
-from dem_bridge.campaign.tasks import Task, packed, perform
+from dem_bridge.campaign.tasks import Task, packed, perform, perform_task
 from dem_bridge.ensembles.draw import Variation
 from dem_bridge.ensembles.sensitivity import sobol_indices
 from dem_bridge.errors import UsageError
+from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from tests.helpers.campaign_cases import SHORT, short_case
 
@@ -79,6 +80,19 @@ def test_a_task_of_a_campaign_with_other_code_is_refused_by_name() -> None:
         assert isinstance(outcome.error, UsageError)
         assert f"allowed: {foreign.version} with code {foreign.code or 'unknown'}, as here" in str(outcome.error)
         assert (outcome.trajectory, outcome.kept) == (None, False)
+
+
+def test_a_run_that_has_another_key_at_its_worker_is_not_kept_there_as_the_run_of_the_task(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = short_case()
+    task = Task(name="short", case=case, key=case.key, folder=tmp_path, limit=10**9)
+    monkeypatch.setattr(Case, "key", property(lambda _: "f" * 64))  # of another machine
+    outcome = perform_task(task)
+    assert outcome.trajectory is not None
+    assert not outcome.kept
+    assert task.key is not None
+    assert Store(tmp_path).load(task.key, case.scene) is None
 
 
 def test_a_task_that_cannot_be_read_is_one_line() -> None:

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dem_bridge.report.drawing import NOTEBOOK_WIDTH, WIDTH, draw_figure, draw_panel, new_axes
+from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.scales import colour_limits, groups_of_scale, power_of_ten, scale_together, set_scales
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
 
@@ -63,6 +64,24 @@ def test_axes_that_share_show_the_largest_of_all_and_name_what_is_off_scale() ->
     assert [ax.get_ylim() for ax in axes] == [pytest.approx((0.0, 4.0 + 0.24 * 3.5))] * 3
     assert [[text.get_text() for text in ax.texts] for ax in axes] == [[], ["body 0: 9 N, off scale"], []]
     assert _limits(_panel([NAN]), _panel([])) == [(0.0, 1.0)] * 2
+
+
+def test_a_point_off_scale_is_named_by_its_own_place() -> None:
+    first, second = _panel([1.0, 1.0], [9.0, 4.0]).series
+    ax = Figure().add_subplot()
+    scale_together([ax], [_panel(series=(first, replace(second, x=second.x + 3.0)), x_label="contact, from the left")])
+    [note] = ax.texts
+    assert note.get_text() == "contact 3: 9 N, off scale"
+    assert note.xy == (3.0, 0.985 * ax.get_ylim()[1])  # type: ignore[attr-defined]
+
+
+def test_lines_and_maps_of_one_figure_have_files_of_their_own() -> None:
+    lines, both = _panel([1.0, 2.0], title="(a) lines"), _panel(title="(b) map", map=_map([[0.5, 0.25]]))
+    texts = csv_texts(FigureData(id="f", title="", caption="", panels=(lines, both), columns=2))
+    assert sorted(texts) == ["f-b.csv", "f.csv"]
+    assert texts["f-b.csv"].splitlines()[1] == "0.0,0.5,0.25"
+    assert "0.5" not in texts["f.csv"]
+    assert sorted(csv_texts(FigureData(id="f", title="", caption="", panels=(both,), columns=1))) == ["f-b.csv"]
 
 
 def test_uncertainties_are_within_a_linear_axis() -> None:
