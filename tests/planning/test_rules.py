@@ -140,6 +140,14 @@ def test_a_careful_prediction_has_the_margin_that_it_states() -> None:
     assert _options(FIVE, 1e-9).foreseen().candidate.name == "reference"
 
 
+def test_an_accuracy_that_nothing_reaches_names_the_smallest_predicted_error() -> None:
+    options = _options(FIVE, 1e-17)
+    least = min(option.error for option in options.predicted)
+    assert least < 0.1 * max(option.error for option in options.predicted)
+    with pytest.raises(UsageError, match=rf"by any backend: the smallest predicted error is {least:.2g}; ask for less"):
+        options.foreseen()
+
+
 def test_absolute_tolerances_go_with_the_relative_one() -> None:
     candidate = Candidate(name="ode45", runs="ode45", knob="rtol", order=0.86, atol=2e-9)
     assert candidate.settings_at(1e-3) == {"rtol": 1e-3, "atol": 2e-12}
