@@ -184,9 +184,9 @@ def test_rows_are_named_from_the_top_on_and_errors_begin_below_round_off() -> No
     assert ax.get_ylim() == (2.5, -0.5)
     assert [text.get_text() for text in ax.get_yticklabels()] == ["group:", "row 1", "row 2"]
     assert [text.get_fontweight() for text in ax.get_yticklabels()] == ["bold", "normal", "normal"]
-    assert (ax.get_xscale(), ax.get_xlim()) == ("log", pytest.approx((1e-14, 3.0)))
+    assert (ax.get_xscale(), ax.get_xlim()) == ("log", pytest.approx((1e-14, 3.0), abs=0.0))
     assert ax.xaxis.get_major_formatter()(1e-9, 0) == "1e-9"
-    assert rows(1e-15, 1e-3).get_xlim() == pytest.approx((3e-16, 2.0))
+    assert rows(1e-15, 1e-3).get_xlim() == pytest.approx((3e-16, 2.0), abs=0.0)
     # a scale of four decades or fewer, or of larger values, is that of its values
     few = rows(1e-3, 1e-1)
     assert few.get_xlim()[0] > 1e-4

@@ -171,12 +171,12 @@ def test_a_budget_has_a_bar_of_each_part_on_one_axis() -> None:
     assert [ax.get_title() for ax in panels] == ["velocity", "peak force", "crossing time"]
     low, high = 0.3 * 3e-13, 300.0 * 4e-5
     for ax, budget in zip(panels, budgets, strict=True):
-        assert ax.get_xlim() == pytest.approx((low, high), rel=1e-12)
+        assert ax.get_xlim() == pytest.approx((low, high), rel=1e-12, abs=0.0)
         bars: list[Any] = list(ax.patches)
         ends = [bar.get_x() + bar.get_width() for bar in bars]
         values = [budget.found, *budget.parts.values(), budget.unexplained]
         # no part and an unknown one are at the ends of the axis, and said in words
-        assert ends == pytest.approx([min(max(value, low), high) for value in values], rel=1e-12)
+        assert ends == pytest.approx([min(max(value, low), high) for value in values], rel=1e-9, abs=0.0)
         words = ["0" if value == 0.0 else f"{value:.1e}" if math.isfinite(value) else "unknown" for value in values]
         assert [text.get_text() for text in ax.texts] == words
         assert [text.xy[1] for text in ax.texts] == list(range(len(values)))  # type: ignore[attr-defined]
@@ -262,7 +262,7 @@ def test_a_budget_alone_has_an_axis_from_below_its_least_part_to_above_its_large
     study = SceneStudy(scene=SIX, verdicts=(), budgets=(_budget("velocity", 1.1e-6),))
     ax = db.plot.budget(study)
     # a third of the unexplained part, and 300 times the total
-    assert ax.get_xlim() == pytest.approx((0.3 * 3e-13, 300.0 * 1.1e-6), rel=1e-12)
+    assert ax.get_xlim() == pytest.approx((0.3 * 3e-13, 300.0 * 1.1e-6), rel=1e-12, abs=0.0)
     nothing = Budget(quantity="velocity", found=0.0, parts={}, unexplained=0.0, allowed=1e-12, scale_name="largest")
     ax = db.plot.budget(SceneStudy(scene=SIX, verdicts=(), budgets=(nothing,)))
-    assert ax.get_xlim() == pytest.approx((3e-17, 3e-14), rel=1e-12)
+    assert ax.get_xlim() == pytest.approx((3e-17, 3e-14), rel=1e-12, abs=0.0)
