@@ -158,6 +158,20 @@ def test_what_nobody_answers_is_broken_after_its_time(monkeypatch: pytest.Monkey
     assert str(result.failure) == "three: verlet at dt = 1e-06 s: nothing came back within 0.1 s"
 
 
+def test_all_cases_that_are_away_are_waited_for_as_long_as_the_slowest_may_take(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cases = [short_case(dt=1e-6), short_case(dt=3e-6), short_case(dt=2e-6)]
+    monkeypatch.setattr(Task, "patience", property(lambda task: 1e5 * task.case.resolution.dt))
+    results = run_cases(cases, jobs=Silent())
+    assert {str(result.failure).rsplit(": ", 1)[1] for result in results} == {"nothing came back within 0.3 s"}
+
+
+def test_a_case_may_take_its_time_limit_and_a_hundred_times_what_is_expected() -> None:
+    case = short_case(dt=1e-6)
+    assert Task(name="", case=case).patience == pytest.approx(case.resolution.time_limit + 100.0 * case.expected + 60.0)
+
+
 def test_an_executor_that_takes_nothing_or_drops_all_is_one_line() -> None:
     with pytest.raises(RunBroken, match=r"the executor takes no more cases \(RuntimeError: it is shut down\)"):
         run_cases([short_case()], jobs=Closed())

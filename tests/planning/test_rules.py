@@ -371,3 +371,12 @@ def test_a_budget_that_buys_less_than_one_digit_buys_nothing() -> None:
         UsageError, match=r"the budget is 0\.0004 s; it buys no meaningful run; ask for less, or give more"
     ):
         db.plan(FIVE, 1e-7, "verlet", predict_only=True, budget=4e-4)
+
+
+def test_codes_that_were_not_run_are_left_out_by_their_predicted_cost() -> None:
+    plan = db.plan(PAIR, 1e-2)
+    outlook = Outlook(scene=PAIR, prescan=prescan_scene(PAIR), sampling=SAMPLES)
+    [law] = [option.law for option in Options(PAIR, 1e-2, "scipy", "velocity", SAMPLES, {}).predicted]
+    assert law is not None
+    cost = outlook.cost("scipy", min(outlook.setting(law, 1e-2, "velocity"), 1e-4))
+    assert f"scipy: predicted to cost {cost:.2g} s of CPU" in plan.reasons

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from dem_bridge.report.drawing import NOTEBOOK_WIDTH, WIDTH, draw_figure, draw_panel, new_axes
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.scales import colour_limits, groups_of_scale, power_of_ten, scale_together, set_scales
+from dem_bridge.report.strokes import STYLES
 from dem_bridge.studies.study import FigureData, Map, Panel, Series
 
 NAN = float("nan")
@@ -321,15 +322,23 @@ def test_marks_and_uncertainties_of_a_panel_are_those_of_its_series() -> None:
 
 
 @pytest.mark.parametrize(("count", "every"), [(4, 1), (18, 2), (90, 10)])
-def test_markers_along_a_line_are_at_most_nine_and_those_without_a_line_at_most_24(count: int, every: int) -> None:
-    line = Series(label="run", style="lammps-granular", x=np.arange(float(count)), y=np.ones(count))
-    [drawn] = draw_panel(Figure().add_subplot(), _panel(series=(line,))).get_lines()
-    points = replace(line, style="reference", x=np.arange(12.0 * every), y=np.ones(12 * every))
-    [marks] = draw_panel(Figure().add_subplot(), _panel(series=(points,))).get_lines()
-    if drawn.get_linestyle() != "None":
-        assert drawn.get_markevery()[1] == every  # type: ignore[index]
-    if marks.get_linestyle() == "None":
-        assert marks.get_markevery() == (0, max(1, -(-12 * every // 24)))
+def test_a_line_has_about_nine_markers_and_points_without_a_line_at_most_24(count: int, every: int) -> None:
+    def drawn(style: str, number: int) -> Any:
+        line = Series(label="run", style=style, x=np.arange(float(number)), y=np.ones(number))
+        [artist] = draw_panel(Figure().add_subplot(), _panel(series=(line,))).get_lines()
+        return artist.get_markevery()
+
+    marked = {name: style for name, style in STYLES.items() if style.get("marker")}
+    lines = [name for name, style in marked.items() if style["linestyle"] != "none" and name != "below"]
+    points = [name for name, style in marked.items() if style["linestyle"] == "none"]
+    assert lines
+    assert points
+    # a third or two thirds on the way to the second, so that marks of runs that agree stand beside each other
+    offsets = {drawn(name, count)[0] for name in lines}
+    assert offsets <= {every // 3, 2 * every // 3}
+    assert {drawn(name, count)[1] for name in lines} == {every}
+    assert {drawn(name, 24 * every)[1] for name in points} == {every}
+    assert {drawn(name, 24 * every + 1)[1] for name in points} == {every + 1}
 
 
 def test_bars_of_a_row_stand_beside_each_other() -> None:
