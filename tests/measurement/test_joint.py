@@ -44,7 +44,7 @@ class StandIn(Prediction):
         return np.asarray(first + self.bend * first**2)
 
 
-def _compared(slopes: Floats, deviates: Floats, noise: Floats, bend: float = 0.0, count: int = 10) -> Comparison:
+def compared(slopes: Floats, deviates: Floats, noise: Floats, bend: float = 0.0, count: int = 10) -> Comparison:
     """Return the comparison of a stand-in whose parameters deviate from those of the scene."""
     links = max(slopes.shape[1], 2)
     scene = db.Scene(
@@ -73,16 +73,16 @@ def test_right_models_of_many_parameters_are_excluded_as_rarely_as_stated(count:
     slopes = random.standard_normal((count + 2, count))
     missed, by_samples = 0, 0
     for _ in range(models):
-        compared = _compared(slopes, random.standard_normal(count), random.standard_normal(count + 2))
-        assert compared.linear
-        missed += compared.joint().deviations > 2.0
+        found = compared(slopes, random.standard_normal(count), random.standard_normal(count + 2))
+        assert found.linear
+        missed += found.joint().deviations > 2.0
     # 4.55 % are stated; a right method is outside of these limits once in 500 times
     low, high = binom.interval(0.998, models, 0.0455)
     assert low <= missed <= high
     # planted: a covariance from 100 samples that is taken for exact
     for _ in range(40):
-        compared = _compared(slopes, random.standard_normal(count), random.standard_normal(count + 2), count=100)
-        sampled = Whitening(compared.noise, compared.of_samples)(compared.error)
+        found = compared(slopes, random.standard_normal(count), random.standard_normal(count + 2), count=100)
+        sampled = Whitening(found.noise, found.of_samples)(found.error)
         by_samples += _deviates(sampled)
     assert count < 40 or by_samples > 10
 
@@ -97,10 +97,10 @@ def test_a_right_model_is_no_difference_where_values_are_not_linear_in_the_param
     missed, nominal = 0, 0
     for _ in range(models):
         # the square is a tenth of the change: ten standard uncertainties of a value
-        compared = _compared(slopes, random.standard_normal(count), random.standard_normal(8), bend=0.1)
-        missed += compared.joint().deviations > 2.0
+        found = compared(slopes, random.standard_normal(count), random.standard_normal(8), bend=0.1)
+        missed += found.joint().deviations > 2.0
         # planted: derivatives at the scene's own parameters
-        nominal += _deviates(Whitening(compared.noise, slopes)(compared.error))
+        nominal += _deviates(Whitening(found.noise, slopes)(found.error))
     assert missed <= binom.ppf(0.999, models, 0.0455)
     assert nominal > 0.5 * models
 
@@ -108,8 +108,8 @@ def test_a_right_model_is_no_difference_where_values_are_not_linear_in_the_param
 def test_a_simulation_that_is_not_linear_within_what_the_values_leave_decides_nothing() -> None:
     # the values leave 0.45 of the second parameter, over which its square is 8e-6 or 4 times the noise
     slopes = np.array([[1.0, 0.0], [0.0, 0.02]])
-    assert _compared(slopes, np.zeros(2), np.zeros(2), bend=1e-3).linear
-    assert not _compared(slopes, np.zeros(2), np.zeros(2), bend=500.0).linear
+    assert compared(slopes, np.zeros(2), np.zeros(2), bend=1e-3).linear
+    assert not compared(slopes, np.zeros(2), np.zeros(2), bend=500.0).linear
     assert _outcome(1e-9, 2.0, True) is Outcome.MODEL_DIFFERENCE
     assert _outcome(1e-9, 2.0, False) is Outcome.UNDECIDED
     assert _outcome(0.5, 2.0, False) is Outcome.PASS
@@ -122,11 +122,11 @@ def test_a_stiffness_at_two_uncertainties_is_no_alarm_although_the_pulse_is_shif
     scene = parse_scene(SCENE)
     prediction = Prediction(scene=scene, readings=(reading,))
     parameters = parameters_of({"stiffness": 0.1}, scene)
-    compared = compare(prediction, parameters, count=10, seed=0)
-    assert compared.linear
-    assert compared.joint().deviations < 2.0
+    found = compare(prediction, parameters, count=10, seed=0)
+    assert found.linear
+    assert found.joint().deviations < 2.0
     adjusted = adjust(prediction, parameters, velocity, np.full(len(times), 1e-3))
     assert adjusted.x[0] == pytest.approx(2.0, abs=0.05)
     # planted: the linear model at the scene's own stiffness
     linear = (prediction.at(parameters, [1e-3]) - prediction.at(parameters, [-1e-3])) / 0.02
-    assert _deviates(Whitening(compared.noise, linear[:, None])(compared.error))
+    assert _deviates(Whitening(found.noise, linear[:, None])(found.error))
