@@ -75,8 +75,16 @@ def folder_to_write() -> Path | None:
 
 
 def existing_folders() -> tuple[Path, ...]:
-    """Return the folders with kernels of this user and of root that no other user can write."""
-    folders = (folder_in(root, user) for root in roots() for user in (os.geteuid(), 0))
+    """Return the safe folders with kernels of this user and of root, up to the first root that can be written.
+
+    Those before it may only be read, such as the folder of a package that root has installed with its kernels.
+    """
+    lasting, _ = lasting_folder()
+    folders = list[Path]()
+    for root in roots():
+        folders += [folder_in(root, user) for user in (os.geteuid(), 0)]
+        if lasting == folder_in(root):
+            break
     return tuple(dict.fromkeys(folder for folder in folders if is_safe(folder)))
 
 

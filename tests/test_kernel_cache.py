@@ -215,6 +215,40 @@ def test_a_folder_that_another_user_can_write_is_not_used(
         assert folder not in kernel_folders.folders_to_read()
 
 
+def test_folders_are_read_up_to_the_first_that_can_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: tuple[str, bytes]
+) -> None:
+    name, content = whole
+    monkeypatch.delenv(kernel_folders.VARIABLE, raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(kernel_folders, "PACKAGE", tmp_path)
+    package = kernel_folders.folder_in(tmp_path / "__pycache__")
+    package.mkdir(parents=True)
+    (package / name).write_bytes(content)
+    home = kernel_folders.folder_in(tmp_path / "dem-bridge")
+    try:
+        for fault, folders in (("", (package,)), ("Read-only file system", (home, package))):
+            monkeypatch.setattr(
+                kernel_folders, "_fault", lambda folder, f=fault: f if folder == package else _made(folder)
+            )
+            _forget()
+            assert kernel_folders.folders_to_read() == folders
+            first = Kernel(_scaled.py_func, nogil=False)
+            assert first(2.0) == 6.0
+            assert list(first.compiled.stats.cache_hits.values()) == [1]
+        # a folder that is named is the only one
+        monkeypatch.setenv(kernel_folders.VARIABLE, str(tmp_path / "named"))
+        _forget()
+        assert kernel_folders.folders_to_read() == (kernel_folders.folder_in(tmp_path / "named"),)
+    finally:
+        _forget()
+
+
+def _made(folder: Path) -> str:
+    folder.mkdir(parents=True, exist_ok=True)
+    return ""
+
+
 def test_folders_and_files_can_be_written_by_their_owner_alone(folder: Path) -> None:
     old = os.umask(0)
     try:

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -160,7 +161,8 @@ def test_the_key_of_a_run_has_all_that_its_kernels_are_compiled_from() -> None:
         files = set(code_of_run(name, uncertainty=uncertainty))
         for file in (file for file in files if "@kernel(" in (PACKAGE / file).read_text(encoding="utf-8")):
             module = importlib.import_module(".".join(("dem_bridge", *Path(file).with_suffix("").parts)))
-            for kernel in (value for value in vars(module).values() if isinstance(value, Kernel)):
+            kernels: list[Any] = [value for value in vars(module).values() if isinstance(value, Kernel)]
+            for kernel in kernels:
                 for function in functions_of(kernel.py_func):
                     source = Path(function.__code__.co_filename).relative_to(PACKAGE).as_posix()
                     assert source in files, (name, file, source)
