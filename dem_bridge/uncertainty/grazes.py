@@ -52,11 +52,12 @@ def widen_for_moments(
     moves = moments.speed > 4.0 * np.spacing(np.max(np.abs(run.velocity)))
     near = np.flatnonzero(moments.touches & moves & (deepest > 0.0) & ~certain)
     touch = _touches(scene, moments, near, deepest[near], doubt.rate[near])
-    at = moments.contact[near]
-    np.maximum.at(widened["peak_force"], at, touch.force)
-    kick = float(np.sum(touch.kick))
-    widened["velocity"] += kick
-    widened["displacement"] += float(np.sum(touch.kick * touch.after))
+    at, felt = moments.contact[near], moments.felt[near]
+    # of a touch that the run has its differences to others cover the impulse
+    np.maximum.at(widened["peak_force"], at, touch.force - np.where(felt, run.peak_force[at], 0.0))
+    kick = np.where(felt, 0.0, touch.kick)
+    widened["velocity"] += float(np.sum(kick))
+    widened["displacement"] += float(np.sum(kick * touch.after))
     widened["crossing_time"][at[touch.stops & ~(moments.time[near] > run.crossing_time[at])]] = math.inf
     # until the end of the run a closing rate may fall to zero within the uncertainty of a crossing, too
     late = np.where(moments.last, widened["crossing_time"][moments.contact], 0.0)

@@ -145,6 +145,14 @@ PARTS: dict[str, Part] = {
                elsewhere={2.0: there(0.1, 0.22), 1 / 3: there(0.1, 0.1)}),
         crossing_time=(math.inf, 0.0),
     ),
+    # a touch of 12 N where the run has one, and a peak force of 10 N: 2 N more, and an impulse that its runs differ by
+    "touch that may be deeper": Part(
+        family(
+            moments=moment(0, 0.15, overlap=0.06, bend=10.0, felt=True, speed=4.0),
+            elsewhere={2.0: there(0.0), 1 / 3: there(0.06)},
+        ),
+        peak_force=(2.0, 0.0),
+    ),
     "contact at rest": Part(
         family(
             moments=moment(
@@ -284,7 +292,12 @@ def _without_rest(total: Any, scene: Scene, run: Any, moments: Any, doubt: graze
 WIDEN = grazes.widen_for_moments
 NO_TOUCH = grazes._Touch(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool))
 TIME_STEP = {name for name in PARTS if name.startswith("time step")}
-GRAZES = {"undetected graze", "graze after the first compression", "end of the run near touch"}
+GRAZES = {
+    "undetected graze",
+    "graze after the first compression",
+    "end of the run near touch",
+    "touch that may be deeper",
+}
 MOMENTS = GRAZES | {"first maximum that may be earlier"}
 LATE = "first maximum that may be after the end"
 #: what is planted in the rules -> where, and the parts that must miss; all others must be as they are
