@@ -165,7 +165,9 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
 def _by_fits(search: Search, none: Fit, stated: Sequence[Statement]) -> Diagnosis:
     """Return the diagnosis by fits of all hypotheses."""
     fits = search.fits()
-    diagnosis = name_cause(search, none, fits, certain=bool(stated))
+    diagnosis = name_cause(
+        search, none, fits, certain=any({"velocity", "start"} & set(item.changes) for item in stated)
+    )
     if diagnosis.cause != "unknown" or (fits and fits[0].rms < NOISY * none.rms) or not on_single_grid(search.data):
         return diagnosis
     if none.error > LARGEST_NOISE or search.decision.effect_of_noise(none) < FLOORS:

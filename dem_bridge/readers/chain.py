@@ -18,6 +18,8 @@ from dem_bridge.trajectory import Floats
 
 #: largest difference of masses from those of the scene by which units are recognised, relative
 _SAME_MASS = 1e-3
+#: roundings of a file, and part of a mass of the scene, by which masses differ
+_MASSES_APART, _ROUNDED_MASS = 3.0, 1e-9
 #: largest difference of start velocities by which a mirrored chain is recognised, relative to the largest
 _SAME_START = 1e-3
 
@@ -60,6 +62,7 @@ def draft_of_frames(name: str, frames: Frames, scene: Scene, choices: Choices, d
         )
         draft.add("contact_force", *scaled(forces, errors, scale["contact_force"]), range(scene.n_contact))
     _say_diameters(frames, order, bodies, scene, style, notes)
+    draft.stated = _other_masses(frames, order, bodies, scene, STYLES[style].mass)
     return draft
 
 
@@ -158,6 +161,19 @@ def _sign(
     near = _SAME_START * float(np.max(np.abs(start), initial=0.0))
     mirrored = near > 0.0 and np.all(np.diff(along) < 0.0) and np.all(np.abs(first + start) <= near)
     return -1.0 if mirrored else 1.0
+
+
+def _other_masses(
+    frames: Frames, order: NDArray[np.int64], bodies: tuple[int, ...], scene: Scene, unit: float
+) -> dict[str, tuple[float, ...]]:
+    """Return the masses of the scene with those that the file has otherwise, kg; nothing if all are the scene's."""
+    if "mass" not in frames.columns:
+        return {}
+    mass, places = np.array(scene.mass), list(bodies)
+    values, rounding = (unit * part["mass"][0, order] for part in (frames.columns, frames.rounding))
+    apart = np.abs(values - mass[places]) > _MASSES_APART * rounding + _ROUNDED_MASS * mass[places]
+    mass[places] = np.where(apart, values, mass[places])
+    return {"mass": tuple(mass.tolist())} if np.any(apart) else {}
 
 
 def _say_diameters(

@@ -68,6 +68,8 @@ class Draft:
     positions: Floats | None = None
     """Positions, ``(n_t, n_columns)``; None if the file has none."""
     headings: tuple[str, ...] = ()
+    stated: dict[str, Any] = field(default_factory=dict)
+    """Fields of a scene that the file states otherwise than the scene of the run."""
     lost: str = ""
     """A sentence on samples that are not used, because they have missing values."""
 
@@ -126,6 +128,7 @@ class Draft:
             dt=self.dt,
             recognised=tuple(dict.fromkeys(self.notes)),
             displacement_from_first=self.from_first,
+            stated=self.stated,
         )
 
     def _check(self, quantity: str, values: Floats, scene: Scene) -> None:

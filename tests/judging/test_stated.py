@@ -164,6 +164,24 @@ def test_the_largest_of_several_differences_is_the_cause_and_all_are_said() -> N
     assert (quiet.cause, quiet.outcome) == ("none", "PASS")
 
 
+@pytest.mark.parametrize("unit", ["%.17g", "%.6g"])
+def test_masses_of_a_dump_are_stated(unit: str, tmp_path: Path) -> None:
+    heavier = replace(CHAIN, mass=tuple(8100.0 / 7850.0 * mass for mass in CHAIN.mass))
+    for scene, cause in ((heavier, "mass"), (CHAIN, "none")):
+        run = record(scene, dt=2.5e-6)
+        rows = []
+        for nth, time in enumerate(run.time):
+            rows += ["ITEM: TIME", repr(float(time)), "ITEM: TIMESTEP", str(2 * nth), "ITEM: NUMBER OF ATOMS", "5"]
+            rows += ["ITEM: BOX BOUNDS ff pp pp", "-1 1", "-1 1", "-1 1", "ITEM: ATOMS id type mass x y z vx vy vz"]
+            x, v = run.values["displacement"][nth], run.values["velocity"][nth]
+            rows += [f"{k + 1} 1 {unit % scene.mass[k]} {0.02 * k + x[k]!r} 0 0 {v[k]!r} 0 0" for k in range(5)]
+        path = tmp_path / "run.dump"
+        path.write_text("\n".join(rows).replace("np.float64(", "").replace(")", "") + "\n")
+        judgement = db.judge(path, CHAIN)
+        assert judgement.cause == cause
+        assert ("has a mass of" in judgement.evidence) is (cause == "mass")
+
+
 # ---------------------------------------------------------------- two kinds that were unknown
 @pytest.mark.parametrize("matched", [1e-6, 2e-5])
 def test_an_exponent_whose_force_is_matched_at_one_overlap_is_named(matched: float) -> None:
