@@ -121,7 +121,8 @@ class Chain:
         return Exact(*(tuple(map(float, part)) for part in parts))
 
     def _rate(self, j: int) -> Decimal:
-        return self.v[self.left[j]] - self.v[self.right[j]]
+        rate: Decimal = self.v[self.left[j]] - self.v[self.right[j]]
+        return rate
 
     def _force(self, j: int) -> Decimal:
         """Return the force of a closed contact, before a clip."""

@@ -8,7 +8,8 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from types import FunctionType
+from typing import Any, cast
 
 import pytest
 
@@ -163,7 +164,7 @@ def test_the_key_of_a_run_has_all_that_its_kernels_are_compiled_from() -> None:
             module = importlib.import_module(".".join(("dem_bridge", *Path(file).with_suffix("").parts)))
             kernels: list[Any] = [value for value in vars(module).values() if isinstance(value, Kernel)]
             for kernel in kernels:
-                for function in functions_of(kernel.py_func):
+                for function in functions_of(cast(FunctionType, kernel.py_func)):
                     source = Path(function.__code__.co_filename).relative_to(PACKAGE).as_posix()
                     assert source in files, (name, file, source)
                     checked.add((name, source))
