@@ -445,7 +445,7 @@ def test_what_the_own_dump_of_a_deck_loses_is_said(lines: tuple[str, ...], rows:
     actual = {row.what: (row.found, row.effect) for row in limits._of_own_dump(user_deck(*lines))}
     assert actual.keys() == rows.keys()
     for name, (text, effect) in rows.items():
-        assert actual[name] == (text, pytest.approx(effect, abs=0.0, nan_ok=True))
+        assert actual[name] == (text, pytest.approx(effect, rel=1e-12, abs=0.0, nan_ok=True))
 
 
 # ---------------------------------------------------------------- codes beside each other

@@ -80,7 +80,7 @@ def test_noise_is_that_of_digits_of_times_of_the_model_and_of_round_off() -> Non
     # forces have no digits of their own; without digits of times, too, the model's repetition remains
     np.testing.assert_allclose(force.sigma[1:2], late[1] * np.array([[2.0, 1.0]]) / math.sqrt(3.0), rtol=1e-9)
     np.testing.assert_allclose(force.sigma[::2], 1e-11 * 3.0, rtol=1e-9)
-    assert data.floors == pytest.approx([0.3, 0.5, 1e-12 * 3.0], abs=0.0)
+    assert data.floors == pytest.approx([0.3, 0.5, 1e-12 * 3.0], rel=1e-12, abs=0.0)
     # the largest of all contacts of the line is 3 t, that of the file 2 t
     assert [block.scale for block in data.blocks] == [6.0, 4.5, 4.5]
     assert [block.columns.tolist() for block in data.blocks] == [[0, 1], [0, 1], [1, 0]]
@@ -92,7 +92,7 @@ def test_values_in_a_smaller_unit_have_smaller_noise_and_absent_ones_none() -> N
     values[2, 1] = np.nan
     rounding = {"velocity": np.where(np.isnan(values), 9.0, 1e-20)}
     (block,) = (data := data_of({"velocity": values}, rounding=rounding)).blocks
-    assert (block.scale, data.floors) == (6.0, [pytest.approx(1e-12 * 6e-6, abs=0.0)])
+    assert (block.scale, data.floors) == (6.0, [pytest.approx(1e-12 * 6e-6, rel=1e-12, abs=0.0)])
     np.testing.assert_allclose(block.sigma[block.present], 1e-11 * 6e-6, rtol=1e-6)
     assert (block.present == np.isfinite(values)).all()
     # nothing moves: the scale is that of the file, or one

@@ -451,8 +451,8 @@ def test_methods_of_first_order_have_a_step_that_is_fitted(end: float, low: floa
         assert (each.logarithmic, each.reach, each.value(-1.0)) == (True, 20.0, pytest.approx(0.25 * math.exp(-1.0)))
         for p, step in ((-1.0, math.exp(-1.0)), (-60.0, math.exp(-50.0)), (60.0, math.exp(50.0))):
             variant = each.make(np.array([p]))
-            assert (variant.method, variant.dt) == (method, pytest.approx(0.25 * step, abs=0.0))
-            assert variant.late == pytest.approx(part * 0.25 * step, abs=0.0)
+            assert (variant.method, variant.dt) == (method, pytest.approx(0.25 * step, rel=1e-12, abs=0.0))
+            assert variant.late == pytest.approx(part * 0.25 * step, rel=1e-12, abs=0.0)
 
 
 def test_defaults_are_those_of_an_unchanged_motion() -> None:
