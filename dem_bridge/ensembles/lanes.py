@@ -150,7 +150,10 @@ def march(  # type: ignore[no-untyped-def]
             for j in range(end):
                 closing, opening = u0[j] - u0_next[j], u[j] - u_next[j]
                 bend0, bend1 = a0[j] - a0_next[j], a[j] - a_next[j]
-                deep, felt = max(s0[j], s[j]) > 0.0, max(abs(bend0), abs(bend1)) >= rest[j]
+                # a contact at rest has accelerations that are round-off: where the rate keeps its sign neither may be
+                falls = closing > 0.0 and opening <= 0.0
+                bend = max(abs(bend0), abs(bend1)) if falls else min(abs(bend0), abs(bend1))
+                deep, felt = max(s0[j], s[j]) > 0.0, bend >= rest[j]
                 if deep and felt and may_turn(closing, opening, bend0, bend1, step):
                     square = step * step
                     c0, c1, c2, c3, c4, c5 = quintic(
