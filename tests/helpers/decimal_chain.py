@@ -90,7 +90,8 @@ class Chain:
         c = scene.contacts
         if scene.drive is not None or scene.law is not None:
             raise ValueError("drives and laws that are functions are not solved; give powers and no drive")
-        self.left, self.right = c.left.tolist(), c.right.tolist()
+        self.left: list[int] = c.left.tolist()
+        self.right: list[int] = c.right.tolist()
         self.n, self.k, self.clip = scene.n_body, scene.n_contact, c.clip
         self.inverse = [1 / mass for mass in _decimals(scene.mass)] + [ZERO]
         self.stiffness, self.power = _decimals(c.stiffness), [n - 1 for n in _decimals(c.exponent)]
