@@ -148,4 +148,7 @@ class DampedIntegration(Integration):
                 # the square of it is what a maximum is missed by
                 options={"xatol": 1e-8 * (high - low)},
             )
-            self.peak_force[contact] = max(self.peak_force[contact], -float(maximum.fun))
+            # as accurate as a step, which the dense output is not
+            y = self._step_to(float(maximum.x), step)
+            force = self._sampled_force(y[None], state)[0, contact]
+            self.peak_force[contact] = max(self.peak_force[contact], float(force))

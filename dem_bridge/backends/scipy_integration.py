@@ -361,7 +361,12 @@ class Integration:
                 self.crossing_time[contact] = min(max(when + late, solver.t_old), solver.t)
 
     def _note_turn(self, contact: int, overlap: float) -> None:
-        """Keep the overlap of a turn of a contact up to its first crossing, of several turns that nearest to touch."""
+        """Keep the overlap of a turn of a contact up to its first crossing, of several turns that nearest to touch.
+
+        Bodies that begin in touch move by round-off before they are pushed, which is no graze.
+        """
+        if self.gap[contact] <= self.touch[contact]:
+            return
         self.first_turns[contact] = min(overlap, self.first_turns.get(contact, math.inf), key=abs)
 
     def turns_near_touch(self) -> dict[str, float]:
