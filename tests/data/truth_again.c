@@ -145,6 +145,13 @@ static num force(const Contact *j, num s, num r)
     return f;
 }
 
+/* the net force, 0 where it is the round-off of its parts */
+static num clear_force(const Contact *j, num s, num r)
+{
+    num f = force(j, s, r);
+    return absolute(f) > 256 * EPSILON * force(j, s, absolute(r)) ? f : 0;
+}
+
 /* Solve a step of length h; return whether it is solved, and in `rounds` in how many rounds. */
 static int solve(num h, int *rounds)
 {
@@ -293,12 +300,12 @@ static num force_change(const Contact *j, num low, num high, int positive)
 {
     num old = low, f_old = 0;
     for (int i = 1; i <= GRID; i++) {
-        num x = low + (high - low) * i / GRID, f = force(j, at(j->series_s, x, NULL), at(j->series_r, x, NULL));
+        num x = low + (high - low) * i / GRID, f = clear_force(j, at(j->series_s, x, NULL), at(j->series_r, x, NULL));
         if (positive ? f < 0 : f > 0) {
             num from = old;
             if (i == 1 && (positive ? f_old < 0 : f_old > 0)) return low;
             for (int o = 0; o < 150; o++) {
-                num middle = (from + x) / 2, g = force(j, at(j->series_s, middle, NULL), at(j->series_r, middle, NULL));
+                num middle = (from + x) / 2, g = clear_force(j, at(j->series_s, middle, NULL), at(j->series_r, middle, NULL));
                 if (!(middle > from && middle < x)) break;
                 if (positive ? g < 0 : g > 0) x = middle; else from = middle;
             }
@@ -488,7 +495,7 @@ int main(void)
             else if (j->state == APART && (j->overlap > 0 || (j->overlap == 0 && j->closing > 0))) j->state = TOUCHING;
             else if (j->state != APART && (j->overlap < 0 || (j->overlap == 0 && j->closing < 0))) j->state = APART;
             else if (clip && j->damp > 0 && j->state != APART && j->overlap > 0) {
-                num f = force(j, j->overlap, j->closing);
+                num f = clear_force(j, j->overlap, j->closing);
                 if (f != 0) j->state = f > 0 ? TOUCHING : FORCELESS;
             }
             if (j->state == TOUCHING && old != TOUCHING && j->damp > 0) j->peak = max2(j->peak, force(j, j->overlap, j->closing));

@@ -34,8 +34,10 @@ class Method:
 
 #: settings are tolerances of the first, and numbers of nodes of the second
 FIRST, SECOND = Method("truth_any.c", (1e-18, 1e-16)), Method("truth_again.c", (28, 22))
-#: factor on the doubts of both truths, and part of the largest value below which they are not compared: round-off of
-#: both programs grows from 1e-19 by a few decades where a scene is ill-conditioned
+#: some hundred last digits of an extended double (2^-64), relative to the largest value
+ROUNDOFF = 2.0**-57
+#: factor on the doubts of two truths that are compared, since each is an estimate, and a part of the largest value: the
+#: round-off of both programs grows by a few decades where a scene is ill-conditioned
 MARGIN, RESOLVED = 4.0, 2.0**-47
 
 
@@ -92,7 +94,8 @@ def solved(program: Path, scene: Scene, settings: tuple[float, float]) -> Truth 
         if setting == settings[0]:
             unsure, all_unsure = table[:, 2] != 0.0, whole[0] != 0.0
     fine, coarse = runs
-    doubt = {name: apart(fine[name], coarse[name]) for name in QUANTITIES}
+    floor = roundoff(scene, fine)
+    doubt = {name: apart(fine[name], coarse[name]) + floor[name] for name in QUANTITIES}
     doubt["crossing_time"][unsure] = math.inf
     if all_unsure:
         doubt = {name: np.full(len(values), math.inf) for name, values in doubt.items()}
@@ -103,6 +106,22 @@ def apart(one: Floats, other: Floats) -> Floats:
     """Return how far two values are apart; 0 where neither exists, inf where only one does."""
     distance = np.abs(one - other)
     return np.where(np.isnan(one) & np.isnan(other), 0.0, np.where(np.isnan(distance), math.inf, distance))
+
+
+def roundoff(scene: Scene, values: dict[str, Floats]) -> dict[str, float]:
+    """Return what each quantity is unsure of by the round-off of a sum in extended precision."""
+    c = scene.contacts
+    # forces in balance cancel but for their last digits
+    stored = c.stiffness * np.maximum(-c.gap, 0.0) ** c.exponent
+    balanced = math.sqrt(float(np.max(stored, initial=0.0)) / min(scene.mass))
+    speed = max(balanced, *map(abs, (*scene.velocity, *values["velocity"].tolist())))
+    scales = {
+        "displacement": max(speed * scene.duration, float(np.max(np.abs(values["displacement"])))),
+        "velocity": speed,
+        "peak_force": float(np.max(values["peak_force"], initial=0.0)),
+        "crossing_time": scene.duration,
+    }
+    return {name: ROUNDOFF * scale for name, scale in scales.items()}
 
 
 def disagreements(one: Truth, other: Truth) -> dict[str, list[int]]:
