@@ -34,8 +34,9 @@ Draw = np.random.Generator
 
 def _half_period(mass: float, stiffness: float, exponent: float, speed: float) -> float:
     """Return the time from touch to the largest overlap of two bodies of this reduced mass, s."""
-    depth = float((0.5 * exponent * mass * speed**2 / stiffness) ** (1.0 / exponent))
-    return depth / speed * math.sqrt(math.pi) * math.gamma(1.0 + 1.0 / exponent) / math.gamma(0.5 + 1.0 / exponent)
+    depth = (0.5 * exponent * mass * speed**2 / stiffness) ** (1.0 / exponent)
+    top, bottom = math.gamma(1.0 + 1.0 / exponent), math.gamma(0.5 + 1.0 / exponent)
+    return float(depth / speed * math.sqrt(math.pi) * top / bottom)
 
 
 def _basis(rng: Draw) -> tuple[float, float, float, float, float]:

@@ -35,7 +35,11 @@ def load(path: Path, *, samples: int) -> list[tuple[Scene, Truth]]:
     """Return the scenes of a file, with this number of samples where they name none, and their truths."""
     with np.load(path) as data:
         lines, numbers, powers = json.loads(data["scenes"].tobytes()), data["values"], data["doubts"]
-    doubts = np.select([powers == _NONE, powers == _UNSURE], [0.0, np.inf], np.ldexp(1.0, powers.astype(np.int64)))
+    doubts = np.select(
+        [powers == _NONE, powers == _UNSURE],
+        [0.0, np.inf],
+        np.ldexp(1.0, np.clip(powers, -1074, 1023).astype(np.int64)),
+    )
     pairs, at = [], 0
     for parts in lines:
         scene = _scene_of({"samples": samples, **parts})
