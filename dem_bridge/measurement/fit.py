@@ -91,7 +91,7 @@ def fit_parameters(
     if names or not adjusted.converged:  # far off, the best values may be none that a scene can have
         names = names or tuple(parameter.name for parameter in parameters)
         return _nothing(prediction, others, measured, sigma, names)
-    every = np.linalg.inv(adjusted.jacobian.T @ adjusted.jacobian)
+    every = np.linalg.inv(adjusted.jacobian.T @ adjusted.jacobian).astype(float)
     least = float(np.sum(adjusted.residuals(adjusted.x) ** 2))
     fitted = []
     for k, parameter in enumerate(parameters):
