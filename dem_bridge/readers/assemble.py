@@ -88,7 +88,9 @@ def draft_of_table(name: str, table: Table, scene: Scene, choices: Choices) -> D
 
 def _check_cells(table: Table, assigned: list[tuple[Heading, Entry]]) -> None:
     """Raise UsageError for an empty cell of a used column of a text, unless all of its cells are empty."""
-    for _, entry in assigned:
+    for heading, entry in assigned:
+        if "force" in heading.quantity:  # which exports leave empty where it is unknown
+            continue
         empty = entry.values == b"" if entry.values.dtype.kind == "S" else np.zeros(0, dtype=bool)
         if len(rows := np.flatnonzero(empty)) and not np.all(empty):
             row = int(rows[0])
@@ -392,8 +394,8 @@ def _add(draft: Draft, sampled: dict[str, tuple[Floats, Floats, tuple[int, ...]]
     """Add the quantities to the draft; columns without values are left out."""
     for name, (values, rounding, columns) in list(sampled.items()):
         absent = np.all(np.isnan(rounding), axis=0)
-        if np.all(absent):
-            draft.notes.append(f"{name} is unknown, because the file has empty values at all times")
+        if np.all(absent) or np.any(np.isnan(rounding[:, ~absent])):
+            draft.notes.append(f"{name} is unknown, because the file has empty values")
             del sampled[name]
         elif np.any(absent):
             lacking = ", ".join(str(column) for column, empty in zip(columns, absent, strict=True) if empty)
