@@ -152,7 +152,8 @@ def extremes(
     peak_force = np.max(force, axis=0)
     touching = np.maximum(overlap[:-1], overlap[1:]) > resolution
     moved = np.maximum(np.abs(acceleration[:-1]), np.abs(acceleration[1:])) >= resting
-    turning = may_turn.py_func(rate[:-1], rate[1:], acceleration[:-1], acceleration[1:], np.diff(time)[:, None])
+    with np.errstate(over="ignore", invalid="ignore"):  # of rates and accelerations beyond 1e150
+        turning = may_turn.py_func(rate[:-1], rate[1:], acceleration[:-1], acceleration[1:], np.diff(time)[:, None])
     rows, contacts = np.nonzero(turning & touching & moved)
     turns = Turns(
         contacts,

@@ -56,8 +56,12 @@ def widen_for_moments(
     # of a touch that the run has its differences to others cover the impulse
     np.maximum.at(widened["peak_force"], at, touch.force - np.where(felt, run.peak_force[at], 0.0))
     kick = np.where(felt, 0.0, touch.kick)
-    widened["velocity"] += float(np.sum(kick))
-    widened["displacement"] += float(np.sum(kick * touch.after))
+    last = moments.last[near]
+    widened["velocity"] += _together(kick, last)
+    moved = kick * touch.after
+    # since a touch near the end they come no farther apart than twice their depth without it, on either side
+    moved = np.where(last, np.minimum(moved, 4.0 * deepest[near]), moved)
+    widened["displacement"] += _together(moved, last)
     widened["crossing_time"][at[touch.stops & ~(moments.time[near] > run.crossing_time[at])]] = math.inf
     # until the end of the run a closing rate may fall to zero within the uncertainty of a crossing, too
     late = np.where(moments.last, widened["crossing_time"][moments.contact], 0.0)
@@ -66,6 +70,16 @@ def widen_for_moments(
     undecided = moments.stops & (np.abs(moments.rate) <= slowed) & (moments.fastest > doubt.rate)
     widened["crossing_time"][moments.contact[undecided]] = math.inf
     return widened
+
+
+def _together(effects: Floats, last: NDArray[np.bool_]) -> float:
+    """Return what the effects of several touches may add up to: all of them if few, as random ones do if many.
+
+    What touches at the end of the run do has not been handed on, and a body between two of them is pushed both ways.
+    """
+    earlier = effects[~last]
+    handed_on = min(float(np.sum(earlier)), 2.0 * math.sqrt(float(np.sum(earlier**2))))
+    return handed_on + float(np.max(effects[last], initial=0.0))
 
 
 class _Touch(NamedTuple):
