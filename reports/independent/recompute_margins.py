@@ -82,7 +82,7 @@ def of_speeds(runs: dict[str, Run]) -> Iterator[Number]:
     for window in (SPEEDS, PROFILES, QUARTER):
         worst = max(residual(runs[name], window) for name in MAIN)
         yield Number("speed-power-law", named(window), worst, "rms of V over (b1 + b2 i)^(2/5), less 1")
-    for window in (PROFILES, SPEEDS, QUARTER):
+    for window in (PROFILES, SPEEDS, QUARTER, (1, 38)):
         at = slice(window[0], window[1] + 1)
         peaks = [front_velocity(runs[name])[at] for name in MAIN]
         spread = max(float(v.max() / v.min() - 1.0) for v in peaks)

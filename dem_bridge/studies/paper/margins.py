@@ -19,7 +19,7 @@ from dem_bridge.studies.texts import fill
 from dem_bridge.verification.verdict import Outcome
 
 #: another limit is within reason if it is at most this factor from ours
-WITHIN_REASON, WITHIN_A_QUARTER = 1.25, "a limit within a quarter of ours"
+WITHIN_REASON, WITHIN_A_QUARTER = 1.25, "a limit changed by a factor of up to 1.25"
 Read = Callable[[Runs], float]
 
 
@@ -80,7 +80,9 @@ def with_margins(claims: Iterable[Claim], runs: Runs, criteria: Mapping[str, Cri
         if claim.outcome is Outcome.NOT_RUN or criterion is None:
             yield claim
         else:
-            yield replace(claim, margin=criterion.margin(runs))
+            margin = criterion.margin(runs)
+            changes = "; ".join(filter(None, [margin.changes, CLAIMS[claim.id].get("changes", "")]))
+            yield replace(claim, margin=replace(margin, changes=changes))
 
 
 def _of_print(claim: Claim) -> Criterion | None:

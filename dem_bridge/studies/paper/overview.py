@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -91,16 +91,32 @@ def _central(claims: Sequence[Claim], runs: Runs) -> str:
     chains = [(runs.scenes[name], runs.run(name, "bca"), runs.truth(name)) for name in MAIN]
     along = [deviation("arrival", scene, bca, truth) for scene, bca, truth in chains if bca and truth]
     numbers = {"low": by(slow).value, "high": by(fast).value, "away": max(away, default=math.nan)}
-    shares = {name: striker_shares(runs.scenes[name], truth)["late"] for name in MAIN if (truth := runs.truth(name))}
-    numbers |= {"lost_slow": 1.0 - shares[DECELERATING], "lost_fast": 1.0 - shares[ACCELERATING]}
-    return TEXTS("central", **numbers, worst=max(float(np.max(np.abs(of_chain))) for of_chain in along))
+    shares = {name: striker_shares(runs.scenes[name], truth) for name in MAIN if (truth := runs.truth(name))}
+    slow, fast = shares[DECELERATING], shares[ACCELERATING]
+    ends = [(bca.crossing_time[2:38], truth.crossing_time[2:38]) for _, bca, truth in chains if bca and truth]
+    wide = max(float(np.max(np.abs(by_theory / exact - 1.0))) for by_theory, exact in ends)
+    return TEXTS(
+        "central",
+        **numbers,
+        slow=slow,
+        fast=fast,
+        never=1.0 - slow["late"],
+        wide=wide,
+        worst=max(float(np.max(np.abs(of_chain))) for of_chain in along),
+    )
 
 
 def _criteria(claims: Sequence[Claim]) -> str:
     """Return which criteria were fixed beforehand, which were revised, and which outcomes depend on them."""
     numbered = enumerate(claims, start=1)
-    sensitive = [str(number) for number, claim in numbered if claim.margin is not None and claim.margin.changes]
-    return TEXTS("criteria", numbers=" and ".join(filter(None, [", ".join(sensitive[:-1]), *sensitive[-1:]])) or "none")
+    sensitive = (number for number, claim in numbered if claim.margin is not None and claim.margin.changes)
+    return TEXTS("criteria", numbers=_listed(sensitive))
+
+
+def _listed(numbers: Iterable[int]) -> str:
+    """Return numbers as text: "7, 11 and 15"."""
+    *most, last = [str(number) for number in numbers] or ["none"]
+    return " and ".join(filter(None, [", ".join(most), last]))
 
 
 def _failing(claims: Sequence[Claim], effects: Sequence[Effect], runs: Runs) -> str:
@@ -123,7 +139,8 @@ def _failing(claims: Sequence[Claim], effects: Sequence[Effect], runs: Runs) -> 
         text = TEXTS("failure", number=ids.index(claim.id) + 1, what=what, short=claim.short)
         groups.setdefault(reason, []).append(text)
     lines = [f"{reason}: {', '.join(texts)}" for reason, texts in groups.items()]
-    return TEXTS("fails", lines=";\n".join(filter(None, [*lines, largest])))
+    others = _listed(n for n, claim in enumerate(claims, start=1) if claim.outcome is Outcome.MODEL_DIFFERENCE)
+    return TEXTS("fails", others=others, lines=";\n".join(filter(None, [*lines, largest])))
 
 
 def _single_cylinders(runs: Runs) -> dict[str, float]:
