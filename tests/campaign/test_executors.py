@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Iterator, Sequence
@@ -57,7 +58,10 @@ class Lost(Executor):
         future: Future[Any] = Future()
         self.calls += 1
         self.arguments.add(arguments[1])
-        if self.calls == 1 or (self.always and self.always.encode() in b"".join(arguments[0])):
+        # by their tasks: a word of three letters may be part of a hash in their bytes, too
+        if self.calls == 1 or (
+            self.always and self.always in {pickle.loads(packed).case.backend for packed in arguments[0]}
+        ):
             future.set_exception(RuntimeError("the worker is gone"))
         else:
             future.set_result(function(*arguments, **keywords))

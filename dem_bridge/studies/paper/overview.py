@@ -92,15 +92,15 @@ def _central(claims: Sequence[Claim], runs: Runs) -> str:
     along = [deviation("arrival", scene, bca, truth) for scene, bca, truth in chains if bca and truth]
     numbers = {"low": by(slow).value, "high": by(fast).value, "away": max(away, default=math.nan)}
     shares = {name: striker_shares(runs.scenes[name], truth) for name in MAIN if (truth := runs.truth(name))}
-    slow, fast = shares[DECELERATING], shares[ACCELERATING]
+    of_slow, of_fast = shares[DECELERATING], shares[ACCELERATING]
     ends = [(bca.crossing_time[2:38], truth.crossing_time[2:38]) for _, bca, truth in chains if bca and truth]
     wide = max(float(np.max(np.abs(by_theory / exact - 1.0))) for by_theory, exact in ends)
     return TEXTS(
         "central",
         **numbers,
-        slow=slow,
-        fast=fast,
-        never=1.0 - slow["late"],
+        slow=of_slow,
+        fast=of_fast,
+        never=1.0 - of_slow["late"],
         wide=wide,
         worst=max(float(np.max(np.abs(of_chain))) for of_chain in along),
     )
