@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from markupsafe import Markup, escape
@@ -43,6 +44,29 @@ KINDS = {
 }
 #: letters of formulas
 _GREEK = {"beta": "β", "gamma": "γ", "mu": "μ"}
+
+
+class Valued(NamedTuple):
+    """Count the values of claims."""
+
+    total: int
+    known: int
+    """Values with an uncertainty."""
+    reference: int
+    """Values by the reference without one."""
+
+
+def valued(claims: Iterable[Claim]) -> Valued:
+    """Return how many values of claims have an uncertainty.
+
+    >>> speeds = tuple(ClaimValue(name="v", backend="bca", value=1.0, uncertainty=u) for u in (math.nan, 0.1))
+    >>> valued([Claim(id="C", where="", statement="", outcome=Outcome.PASS, sentence="", values=speeds)])
+    Valued(total=2, known=1, reference=0)
+    """
+    values = [value for claim in claims for value in claim.values]
+    unknown = [value for value in values if math.isnan(value.uncertainty)]
+    by_reference = sum(value.backend == "reference" for value in unknown)
+    return Valued(total=len(values), known=len(values) - len(unknown), reference=by_reference)
 
 
 def numeric(table: Table, column: int) -> bool:

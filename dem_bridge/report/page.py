@@ -17,7 +17,7 @@ from markupsafe import Markup
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.files import check_report_folder, write_whole
 from dem_bridge.notebook import scene_sketch
-from dem_bridge.report import crate
+from dem_bridge.report import cells, crate
 from dem_bridge.report.cells import KINDS, SEVERITY
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import picture_of_data, picture_of_runs
@@ -111,6 +111,7 @@ def _of_verification(study: Verification, store: Store | None) -> dict[str, Any]
         "tables": [table for table in study.tables if table.id not in _SHOWN_OTHERWISE],
         "counts": [(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
         "kinds": KINDS,
+        "valued": cells.valued(study.claims),
         "with_figures": with_figures,
         "with_theory": lambda pair: any(chain.run(THEORY) is not None for chain in pair),
         "names": NAMES,
