@@ -91,7 +91,7 @@ def test_the_abstract_has_five_sentences_with_the_numbers_of_the_verdicts(
     check_abstract(sentences, claims, BUDGETED, runs)
     assert "differ from the reference by at most 2.0e-06" in sentences[2]  # of the two main chains the larger
     assert "slows down to 0.39" in sentences[2]
-    assert "(eq. 3.1) matters most: up to 4 % (speed at the middle), for the speed at single" in sentences[3]
+    assert "in its place) matters most: up to 4 % (speed at the middle), for the speed at single" in sentences[3]
     assert "from 5 on and 33 % at cylinder 1" in sentences[3]
     assert "the printed 8.1 g) by 13 %, an exponent falling to 2.2 by up to 41 %" in sentences[3]
 
