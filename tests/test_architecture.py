@@ -90,6 +90,14 @@ SIDEWAYS = {
     ("arguments", "errors"): "they are what it raises",
 }
 
+#: modules that are named by a text and imported later, or by another process, against the order: each with its reason
+BY_TEXT = {
+    ("dem_bridge.studies.study", "dem_bridge.report.page"): "a study is saved as a page",
+    ("dem_bridge.judging.judgement", "dem_bridge.judging.shown"): "a judgement has a page",
+    ("dem_bridge.report.replay", "dem_bridge.cli"): "a bundle repeats its verification in a process of its own",
+    ("dem_bridge.runs.code", "dem_bridge.uncertainty.estimate"): "its imports are read, not made",
+}
+
 
 def _modules() -> dict[str, Path]:
     """Dotted name -> file, of every module of the package."""
@@ -118,10 +126,18 @@ def _imported(file: Path) -> Iterator[str]:
             for alias in node.names:
                 module = f"{node.module}.{alias.name}"
                 yield module if module in MODULES else str(node.module)
+        elif isinstance(node, ast.Constant) and str(node.value).partition(":")[0] in MODULES:
+            # import_module, __import__, an entry "module:name" or a constant that is given to one of these later
+            yield str(node.value).partition(":")[0]
 
 
 def _ours(name: str) -> set[str]:
-    return {imported for imported in _imports(MODULES[name]) if imported in MODULES}
+    """Return the modules of the package that a module imports, without those of :data:`BY_TEXT` and itself."""
+    return {other for other in _imports(MODULES[name]) if other in MODULES and other != name} - _by_text(name)
+
+
+def _by_text(name: str) -> set[str]:
+    return {other for module, other in BY_TEXT if module == name}
 
 
 def _part(name: str) -> str:
@@ -150,6 +166,27 @@ def test_a_module_imports_only_from_below(name: str) -> None:
 def test_every_import_within_a_layer_that_is_allowed_exists() -> None:
     used = {(_part(name), _part(imported)) for name in INNER for imported in _ours(name) - {"dem_bridge"}}
     assert set(SIDEWAYS) <= used
+
+
+def test_every_module_that_is_named_by_a_text_against_the_order_is_named_there() -> None:
+    for name, other in BY_TEXT:
+        assert other in _imports(MODULES[name]), name
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        'import_module("dem_bridge.report.page")',
+        '__import__("dem_bridge.report.page")',
+        'ENTRY = "dem_bridge.report.page:write_study"',
+        'f("dem_bridge.report.page", 1)',
+        "from dem_bridge.report import page",
+    ],
+)
+def test_an_import_by_a_text_is_read(tmp_path: Path, line: str) -> None:
+    file = tmp_path / "module.py"
+    file.write_text(f"def f():\n    {line}\n")
+    assert "dem_bridge.report.page" in _imports(file)
 
 
 def test_no_import_runs_in_a_circle() -> None:

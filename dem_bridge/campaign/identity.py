@@ -7,13 +7,13 @@ from functools import cache, partial
 from typing import Any
 
 from dem_bridge.errors import UsageError
-from dem_bridge.runs.code import NOT_IN_RUNS, code_of_all, digest
+from dem_bridge.runs.code import NOT_IN_RUNS, code_without, digest, is_within
 from dem_bridge.version import __version__
 
 #: version of a dem_bridge, and hash of the code of its runs, campaigns and ensembles
 Identity = tuple[str, str]
 #: parts whose code workers use, although no number of a trajectory passes through them
-_IN_WORKERS = ("campaign", "ensembles", "runs")
+IN_WORKERS = ("campaign", "ensembles", "runs")
 
 
 def identity() -> Identity:
@@ -23,8 +23,7 @@ def identity() -> Identity:
 
 @cache
 def _code() -> str:
-    others = tuple(part for part in NOT_IN_RUNS if part not in _IN_WORKERS)
-    return digest({name: text for name, text in code_of_all().items() if not name.startswith(others)})[:12]
+    return digest(code_without(tuple(part for part in NOT_IN_RUNS if not is_within(part, IN_WORKERS))))[:12]
 
 
 def check_identity(of_campaign: Identity) -> None:

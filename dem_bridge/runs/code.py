@@ -19,13 +19,15 @@ from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.leftovers import started
 
 PACKAGE = Path(__file__).parents[1]
-#: parts of the package that schedule, keep, judge or show runs: no number of a trajectory passes through them
+#: modules, and folders of them, that schedule, keep, judge or show runs: no number of a trajectory passes through them.
+#: What is not listed is in the keys of all runs that import it, wherever it lives
 NOT_IN_RUNS = (
     "api", "campaign", "cli", "cluster", "differences", "doctor", "ensembles", "exports", "judging", "measurement",
-    "notebook", "notebook_sketch", "planning", "plot", "readers", "regression", "report", "runs", "studies", "sweep",
-    "verification",
+    "notebook", "notebook_sketch", "planning", "plot", "readers", "regression", "report", "runs.cache", "runs.case",
+    "runs.claims", "runs.code", "runs.digits", "runs.inspect", "runs.keys", "runs.recall", "runs.store", "studies",
+    "sweep", "verification",
 )  # fmt: skip
-#: parts of the package that no number of a study passes through
+#: modules, and folders of them, that no number of a study passes through
 NOT_IN_STUDIES = (
     "api", "cli", "cluster", "doctor", "exports", "notebook", "notebook_sketch", "plot", "regression", "report",
 )  # fmt: skip
@@ -33,6 +35,7 @@ NOT_IN_STUDIES = (
 _DISPATCH = "dem_bridge.uncertainty.estimate"
 #: files of the package that are code, or texts and tables in place of code
 _DATA = (".template", ".toml", ".json", ".j2")
+_OURS = "dem_bridge."
 _FOR_TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:[ \t]+.*\n|\n)*", re.MULTILINE)
 _IMPORT = re.compile(r"^[ \t]*(?:from (\S+) import (\([^)]*\)|.*)|import (\S+))", re.MULTILINE)
 #: the name of a file
@@ -55,7 +58,21 @@ def code_of_run(backend: str, *, uncertainty: bool, package: Path = PACKAGE) -> 
 @cache
 def code_of_studies(package: Path = PACKAGE) -> Mapping[str, str]:
     """Return the files that a value read from runs may depend on, with the first 12 digits of their sha256."""
-    return _hashes((file for file in sources(package) if _part(file, package) not in NOT_IN_STUDIES), package)
+    return code_without(NOT_IN_STUDIES, package)
+
+
+def code_without(parts: tuple[str, ...], package: Path = PACKAGE) -> Mapping[str, str]:
+    """Return the files of the package outside some modules and folders, with the first 12 digits of their sha256."""
+    return _hashes((file for file in sources(package) if not is_within(_name(file, package), parts)), package)
+
+
+def is_within(name: str, parts: Iterable[str]) -> bool:
+    """Return True if a module, named without the package, is one of ``parts`` or in one of them.
+
+    >>> is_within("runs.store", ("runs",)), is_within("runs_of_others", ("runs",))
+    (True, False)
+    """
+    return any(f"{name}.".startswith(f"{part}.") for part in parts)
 
 
 @cache
@@ -109,8 +126,7 @@ def _imports(module: str, package: Path) -> frozenset[str]:
     if module != _DISPATCH:
         for source, items, name in _IMPORT.findall(_FOR_TYPES.sub("", file.read_text(encoding="utf-8"))):
             names |= {name, source, *(f"{source}.{item}" for item in re.findall(r"\w+", items))}
-    parts = ((name, name.split(".")) for name in names)
-    ours = {name for name, part in parts if part[0] == "dem_bridge" and len(part) > 1 and part[1] not in NOT_IN_RUNS}
+    ours = {name for name in names if name.startswith(_OURS) and not is_within(name.removeprefix(_OURS), NOT_IN_RUNS)}
     return frozenset(name for name in ours if _file(name, package) is not None)
 
 
@@ -128,9 +144,9 @@ def _named_in(file: Path) -> frozenset[Path]:
     return frozenset(path for name in names if (path := file.with_name(name)).is_file())
 
 
-def _part(file: Path, package: Path) -> str:
-    """Return the part of the package that a file belongs to: the name of a folder or of a module beside it."""
-    return file.relative_to(package).parts[0].removesuffix(".py")
+def _name(file: Path, package: Path) -> str:
+    """Return the name of the module that a file is, or that it would be if it were one, without the package."""
+    return ".".join(file.relative_to(package).with_suffix("").parts).removesuffix(".__init__")
 
 
 def _hashes(files: Iterable[Path], package: Path) -> dict[str, str]:

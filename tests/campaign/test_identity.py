@@ -18,6 +18,7 @@ from dem_bridge.ensembles.draw import Variation
 from dem_bridge.ensembles.sensitivity import sobol_indices
 from dem_bridge.errors import UsageError
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.code import is_within
 from dem_bridge.runs.store import Store
 from tests.helpers.campaign_cases import SHORT, short_case
 
@@ -103,8 +104,10 @@ def test_a_task_that_cannot_be_read_is_one_line() -> None:
 @pytest.fixture
 def identity_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     def computed(**texts: str) -> tuple[str, str]:
-        names = {name.replace("_", "/", 1) + ".py": text for name, text in texts.items()}
-        monkeypatch.setattr(identity, "code_of_all", lambda: names)
+        def without(parts: tuple[str, ...]) -> dict[str, str]:
+            return {name: text for name, text in texts.items() if not is_within(name.replace("_", ".", 1), parts)}
+
+        monkeypatch.setattr(identity, "code_without", without)
         identity._code.cache_clear()
         return identity.identity()
 

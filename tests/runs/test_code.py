@@ -15,16 +15,42 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.catalogue import BACKENDS
+from dem_bridge.campaign import identity
 from dem_bridge.compiled import Kernel
 from dem_bridge.kernel_content import functions_of
 from dem_bridge.runs import code
-from dem_bridge.runs.code import NOT_IN_RUNS, NOT_IN_STUDIES, PACKAGE, code_of_all, code_of_run, code_of_studies
+from dem_bridge.runs.code import (
+    NOT_IN_RUNS,
+    NOT_IN_STUDIES,
+    PACKAGE,
+    code_of_all,
+    code_of_run,
+    code_of_studies,
+    code_without,
+    is_within,
+)
 from tests.test_architecture import MODULES, _ours
 
 #: (backend, with its uncertainty): all kinds of runs
 RUNS = [(name, uncertainty) for name in BACKENDS for uncertainty in (False, True)]
+#: a line for each file in the key of a run: the backends that have it, with "+" where only runs with uncertainty do
+PINNED = Path(__file__).with_name("files_of_keys.txt")
 LAMMPS = ("lammps-granular", "lammps-table")
 TWINS = (*LAMMPS, "verlet", "ase")
+
+
+def pinned_text() -> str:
+    """Return the content of :data:`PINNED` by the code as it is."""
+    values, both = ({name: set(code_of_run(name, uncertainty=bars)) for name in BACKENDS} for bars in (False, True))
+    assert all(values[name] <= both[name] for name in BACKENDS)
+    return "".join(
+        f"{file}: {' '.join(name + '+' * (file not in values[name]) for name in BACKENDS if file in both[name])}\n"
+        for file in sorted(set().union(*both.values()))
+    )
+
+
+def _is_left_out(name: str) -> bool:
+    return is_within(name.removeprefix("dem_bridge."), NOT_IN_RUNS)
 
 
 @pytest.fixture
@@ -101,7 +127,8 @@ def test_a_change_makes_the_runs_anew_whose_numbers_pass_through_it_and_no_other
         file.write_text(text)
         changed = {kind for kind, value in after.items() if value != before[kind]}
         assert changed - {"study", "picture"} == anew, name
-        assert ("study" in changed) == (name.removesuffix(".py").split("/")[0] not in NOT_IN_STUDIES), name
+        of_studies = not is_within(name.rpartition(".")[0].replace("/", "."), NOT_IN_STUDIES)
+        assert ("study" in changed) == of_studies, name
         assert "picture" in changed, name
     _forget()
 
@@ -126,13 +153,27 @@ def test_the_imports_read_from_the_text_are_those_of_the_parser(backend: str, un
         if (name := wanted.pop()) not in passed:
             passed.add(name)
             if name != "dem_bridge.backends.base":  # it imports the engine for types only
-                wanted += [other for other in _ours(name) - {"dem_bridge"} if other.split(".")[1] not in NOT_IN_RUNS]
+                wanted += [other for other in _ours(name) - {"dem_bridge"} if not _is_left_out(other)]
     files = {MODULES[name].relative_to(PACKAGE).as_posix() for name in passed}
     assert files <= set(code_of_run(backend, uncertainty=uncertainty)) | {"drive.py", "lmp/engine.py"}
 
 
 def test_the_parts_that_are_left_out_exist() -> None:
-    assert {name.split(".")[1] for name in MODULES if "." in name} >= set(NOT_IN_RUNS) | set(NOT_IN_STUDIES)
+    assert {f"dem_bridge.{part}" for part in (*NOT_IN_RUNS, *NOT_IN_STUDIES)} <= set(MODULES)
+
+
+def test_the_modules_in_the_keys_of_each_backend_are_those_that_were_agreed() -> None:
+    # a module that moves to another folder, or is left out by mistake, would vanish from keys in silence
+    assert pinned_text() == PINNED.read_text(encoding="utf-8"), f"if intended: python -m {__name__}"
+
+
+def test_the_code_of_workers_has_what_campaigns_and_ensembles_use_and_all_that_runs_have() -> None:
+    workers = code_without(tuple(part for part in NOT_IN_RUNS if not is_within(part, identity.IN_WORKERS)))
+    for name in ("runs/keys.py", "campaign/tasks.py", "ensembles/solve.py"):
+        assert name in workers
+    for name, uncertainty in RUNS:
+        assert set(code_of_run(name, uncertainty=uncertainty)) <= set(workers)
+    assert not any(name.startswith(("report/", "cli/", "studies/")) for name in workers)
 
 
 RUN = """
@@ -150,7 +191,7 @@ print(*sorted(name for name in sys.modules if name.startswith("dem_bridge.")))
 def test_what_a_process_imports_for_a_run_is_in_the_key(backend: str) -> None:
     words = [sys.executable, "-c", RUN, backend, pickle.dumps(db.load_scene("dimer-1-1")).hex()]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
-    names = [name for name in done.stdout.split() if name.split(".")[1] not in NOT_IN_RUNS]
+    names = [name for name in done.stdout.split() if not _is_left_out(name)]
     files = {MODULES[name].relative_to(PACKAGE).as_posix() for name in names}
     assert "scene.py" in files
     assert files - set(code_of_run(backend, uncertainty=False)) <= {"leftovers.py", "version.py"}
@@ -169,3 +210,7 @@ def test_the_key_of_a_run_has_all_that_its_kernels_are_compiled_from() -> None:
                     assert source in files, (name, file, source)
                     checked.add((name, source))
     assert len(checked) > 20
+
+
+if __name__ == "__main__":
+    PINNED.write_text(pinned_text(), encoding="utf-8")
