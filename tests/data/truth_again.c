@@ -40,12 +40,13 @@ enum { MOST = 48, GRID = 64, APART, TOUCHING, FORCELESS };
 /* a contact: its law, its state at the start of the step, and its motion during the step */
 typedef struct {
     int left, right, state, heading, unsure, tops, changing;
-    num stiff, power, damp, damp_power, pull_off, rest, deep, overlap, closing, peak, crossing, noise, largest, range;
-    num s[MOST], r[MOST], f[MOST], end_s, end_r, series_s[MOST + 2], series_r[MOST + 2];
+    num stiff, power, damp, damp_power, pull_off, rest, deep, overlap, closing, peak, crossing, noise, largest, range, ripple;
+    num s[MOST], r[MOST], end_s, end_r, series_s[MOST + 2], series_r[MOST + 2];
     num when, top[64]; /* place of its change of state in the step, and of its maxima and minima */
     int rising[64];
 } Contact;
-typedef struct { num mass, free, speed, place, v[MOST], g[MOST], end_v, end_x; } Body;
+/* a body; load: the sum of the sizes of its accelerations in the step, whose round-off stays where they cancel */
+typedef struct { num mass, free, speed, place, load, v[MOST], g[MOST], end_v, end_x; } Body;
 
 static int bodies, contacts, nodes, clip, shape, count;
 static num node[MOST], weight[MOST], upto[MOST][MOST], coefficient[MOST][MOST], course[MOST];
@@ -65,6 +66,12 @@ static num legendre(int l, num x)
 }
 
 static num passed(num x) { return (1 + x) / 2; }
+
+/* what the accelerations in a step of length h would change a closing rate by, were they all of one sign */
+static num range(const Contact *j, num h)
+{
+    return h * ((j->left < bodies ? b[j->left].load : 0) + (j->right < bodies ? b[j->right].load : 0));
+}
 
 static void prepare(void)
 {
@@ -161,18 +168,27 @@ static int solve(num h, int *rounds)
     for (int i = 0; i < bodies; i++) for (int m = 0; m < nodes; m++) b[i].v[m] = b[i].speed;
     for (*rounds = 1; *rounds <= 60; ++*rounds) {
         num change = 0;
-        for (int i = 0; i < bodies; i++)
-            for (int m = 0; m < nodes; m++)
-                b[i].g[m] = b[i].free + (i == 0 && shape ? outer(start + h * course[m]) / b[0].mass : 0);
-        for (int q = 0; q < contacts; q++)
+        for (int i = 0; i < bodies; i++) {
+            b[i].load = 0;
             for (int m = 0; m < nodes; m++) {
-                num f = c[q].f[m] = c[q].state == TOUCHING ? force(c + q, c[q].s[m], c[q].r[m]) : 0;
+                b[i].g[m] = b[i].free + (i == 0 && shape ? outer(start + h * course[m]) / b[0].mass : 0);
+                b[i].load = max2(b[i].load, absolute(b[i].g[m]) + drag * absolute(b[i].v[m]));
+            }
+        }
+        for (int q = 0; q < contacts; q++) {
+            num most = 0;
+            for (int m = 0; m < nodes; m++) {
+                num f = c[q].state == TOUCHING ? force(c + q, c[q].s[m], c[q].r[m]) : 0;
+                most = max2(most, absolute(f));
                 if (c[q].left < bodies) b[c[q].left].g[m] -= f / b[c[q].left].mass;
                 if (c[q].right < bodies) b[c[q].right].g[m] += f / b[c[q].right].mass;
             }
+            if (c[q].left < bodies) b[c[q].left].load += most / b[c[q].left].mass;
+            if (c[q].right < bodies) b[c[q].right].load += most / b[c[q].right].mass;
+        }
         for (int q = 0; q < contacts; q++) {
             Contact *j = c + q;
-            num g[MOST], way[MOST], most = absolute(j->closing);
+            num g[MOST], way[MOST], most = absolute(j->closing) + range(j, h);
             for (int m = 0; m < nodes; m++) {
                 num a = (j->left < bodies ? b[j->left].g[m] : 0) - (j->right < bodies ? b[j->right].g[m] : 0);
                 g[m] = (a - drag * j->r[m]) * h / 2;
@@ -197,7 +213,8 @@ static int solve(num h, int *rounds)
             for (int o = 0; o < nodes; o++) {
                 num v = b[i].speed;
                 for (int m = 0; m < nodes; m++) v += upto[o][m] * g[m];
-                if (!(absolute(v - b[i].v[o]) <= change * (scale + absolute(v)))) change = absolute(v - b[i].v[o]) / (scale + absolute(v));
+                num most = scale + absolute(v) + h * b[i].load;
+                if (!(absolute(v - b[i].v[o]) <= change * most)) change = absolute(v - b[i].v[o]) / most;
                 b[i].v[o] = v;
             }
         }
@@ -208,21 +225,21 @@ static int solve(num h, int *rounds)
     return 0;
 }
 
-/* Series and ends of all motions of a solved step; return the size of the last terms against the largest speed. */
+/* Series and ends of all motions of a solved step; return the size of the last terms against the largest speed and the
+ * round-off of the accelerations. */
 static num closed(num h)
 {
     num tail = 0;
     for (int q = 0; q < contacts; q++) {
         Contact *j = c + q;
-        num g[MOST], loads = 0;
+        num g[MOST];
         for (int m = 0; m < nodes; m++) {
             num l = j->left < bodies ? b[j->left].g[m] : 0, r = j->right < bodies ? b[j->right].g[m] : 0;
             g[m] = (l - r - drag * j->r[m]) * h / 2;
-            loads = max2(loads, absolute(l) + absolute(r) + (j->left < bodies ? absolute(j->f[m]) / b[j->left].mass : 0)
-                         + (j->right < bodies ? absolute(j->f[m]) / b[j->right].mass : 0));
         }
-        j->range = loads * h;
-        tail = max2(tail, integrated(g, j->closing, j->series_r) / scale);
+        j->range = range(j, h);
+        j->ripple = integrated(g, j->closing, j->series_r);
+        tail = max2(tail, j->ripple / (scale + j->range / 16));
         for (int m = 0; m < nodes; m++) g[m] = j->r[m] * h / 2;
         integrated(g, j->overlap, j->series_s);
         j->end_r = at(j->series_r, 1, NULL);
@@ -231,7 +248,7 @@ static num closed(num h)
     for (int i = 0; i < bodies; i++) {
         num series[MOST + 2], g[MOST];
         for (int m = 0; m < nodes; m++) g[m] = (b[i].g[m] - drag * b[i].v[m]) * h / 2;
-        tail = max2(tail, integrated(g, b[i].speed, series) / scale);
+        tail = max2(tail, integrated(g, b[i].speed, series) / (scale + h * b[i].load / 16));
         b[i].end_v = at(series, 1, NULL);
         b[i].end_x = b[i].place;
         for (int m = 0; m < nodes; m++) b[i].end_x += weight[m] * b[i].v[m] * h / 2;
@@ -457,7 +474,8 @@ int main(void)
             int found = -1, then = 0;
             for (int q = 0; q < contacts; q++) {
                 int to = 0;
-                c[q].noise = 64 * EPSILON * (c[q].largest + c[q].range);
+                /* near a touch the closing rate is a power; its series, cut off, swings about it by some last terms */
+                c[q].noise = 64 * EPSILON * (c[q].largest + c[q].range) + nodes * c[q].ripple;
                 num x = state_ends(c + q, &to);
                 c[q].when = x;
                 if (q == who && x < 2 && passed(x) > (num)0.999999) continue;
