@@ -4,7 +4,8 @@
 :mod:`tests.helpers.many_scenes`; ``--scenes awkward`` those of :mod:`tests.helpers.awkward_scenes`, ``--scenes all``
 both. Codes with a fixed step run at their default one. A finite uncertainty of what does not exist, or of what the run
 does not have, counts as outside. References must have none outside, others at most 1 %. Each result is a line of
-``reports/latest/bars.jsonl``; ``--resume`` keeps the results that are there. ``--write`` puts the table into
+``reports/latest/bars.jsonl``; ``--resume`` keeps the results that are there, and
+``--tabulate`` runs nothing more. ``--write`` puts the table into
 docs/quality.md.
 """
 
@@ -86,17 +87,18 @@ def try_backend(name: str, pairs: Pairs) -> list[Trial]:
     return [trial for trial in trials if trial is not None and not trial.refused]
 
 
+def kept_trials(path: Path) -> list[Trial]:
+    """Return the trials in a file; the last line of a run that was killed may be incomplete."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    return [Trial(**json.loads(line)) for line in lines if line.endswith("}")]
+
+
 def resumed(names: Sequence[str], pairs: Pairs, path: Path, *, keep: bool) -> Iterator[Trial]:
     """Yield the trials of all backends, those in the file first, and add each new one to the file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     lines = path.read_text(encoding="utf-8").splitlines() if keep and path.exists() else []
     wanted = {scene.name for scene, _ in pairs}
-    done = {}
-    for line in lines:
-        # the last line of a run that was killed may be incomplete
-        if line.endswith("}"):
-            trial = Trial(**json.loads(line))
-            done[trial.backend, trial.scene] = trial
+    done = {(trial.backend, trial.scene): trial for trial in kept_trials(path)} if lines else {}
     yield from (trial for (name, scene), trial in done.items() if name in names and scene in wanted)
     with path.open("a" if keep else "w", encoding="utf-8") as file:
         file.write("\n" if lines and not lines[-1].endswith("}") else "")
@@ -156,12 +158,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--resume", action="store_true", help="keep the results that the file has")
     parser.add_argument("--write", action="store_true", help="write the table to docs/quality.md")
+    parser.add_argument("--tabulate", action="store_true", help="run nothing; take all results that the file has")
     options = parser.parse_args(arguments)
     pairs = [*(many() if options.scenes != "awkward" else []), *(awkward() if options.scenes != "many" else [])]
     chosen = np.random.default_rng(options.seed).permutation(len(pairs))[: options.n]
     names = options.backend or [*REFERENCES, *OTHERS]
+    new = resumed(names, [pairs[i] for i in chosen.tolist()], options.results, keep=options.resume)
     trials = []
-    for trial in resumed(names, [pairs[i] for i in chosen.tolist()], options.results, keep=options.resume):
+    for trial in kept_trials(options.results) if options.tabulate else new:
         trials.append(trial)
         outside = {quantity: ratio for quantity, ratio in trial.ratio.items() if ratio > 1.0}
         if outside or trial.refused:
@@ -170,8 +174,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(text)
     if options.write:
         page = PAGE.read_text(encoding="utf-8")
-        new = f"{_BEGIN}\n{text}\n{_END}"
-        PAGE.write_text(re.sub(f"{_BEGIN}.*{_END}", lambda _: new, page, flags=re.DOTALL), encoding="utf-8")
+        block = f"{_BEGIN}\n{text}\n{_END}"
+        PAGE.write_text(re.sub(f"{_BEGIN}.*{_END}", lambda _: block, page, flags=re.DOTALL), encoding="utf-8")
     failed = [
         name
         for name in names
