@@ -179,7 +179,8 @@ def test_kuwabara_konos_collision_is_that_of_a_second_writing(gamma: float, beta
     run = db.solve(scene, backend="scipy", uncertainty=False)
     assert run.velocity[-1, 0] - run.velocity[-1, 1] == pytest.approx(exit_rate, abs=1e-12 * speed)
     assert run.peak_force[0] == pytest.approx(largest, rel=1e-7)  # (1/20000)^2 of the grid, and some
-    assert np.all(run.contact_force[run.time > end] == 0.0)
+    # the sample in the middle of the run lies at the end, to the last digit
+    assert np.all(run.contact_force[run.time > 1.01 * end] == 0.0)
     inside = (run.time > 0.0) & (run.time < 0.99 * end)
     assert np.all(run.contact_force[inside] > 0.0)
 

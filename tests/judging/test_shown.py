@@ -207,8 +207,8 @@ def test_a_step_that_would_reach_the_tolerance_follows_from_the_order() -> None:
     assert advice(falling()) == f"{reduce} At the observed order a time step of 200 ns would reach the tolerance."
     both = advice(falling(value=1.0), falling("displacement"))
     assert both.endswith("a time step of 40 ns would reach the tolerance.")
-    assert advice(falling(value=2.0), falling("displacement", 1.0)).endswith(
-        "a time step of 12 ns would reach the tolerance."
+    assert advice(falling(value=2.0), falling("displacement", 1.1)).endswith(
+        "a time step of 19 ns would reach the tolerance."
     )
     assert advice(falling(value=0.5)) == advice(falling(), dt=None) == reduce
     assert "a time step of 4.7 ns" in advice(falling(value=0.6))

@@ -21,7 +21,8 @@ from tests.uncertainty.measure_bars import ALLOWED, OTHERS, REFERENCES, Trial, e
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="the truths are computed by C programs")
 
-#: fault: (program, replaced texts, kind of the scenes that show it, scenes)
+#: fault: (program, replaced texts, kind of the scenes that can show it, scenes); where the steps of the program end
+#: decides which of them shows it
 FAULTS: dict[str, tuple[Method, dict[str, str], str, tuple[int, ...]]] = {
     "contacts that change together": (
         FIRST,
@@ -37,18 +38,23 @@ FAULTS: dict[str, tuple[Method, dict[str, str], str, tuple[int, ...]]] = {
         FIRST,
         {"if (low > margin || high < -margin) { seen(walk, low > margin,": "if (g0 * g3 > 0) { seen(walk, g0 > 0,"},
         "twice_compressed",
-        (10,),
+        (10, 166),
     ),
     "grazes within a step": (
         FIRST,
         {"for (int i = 0; i <= walk->count; i++) {": "for (int i = walk->count; i <= walk->count; i++) {"},
         "grazing",
-        (50,),
+        (38, 50, 146),
     ),
-    "largest forces within a step": (FIRST, {"if (!singular && monotone) return;": "return;"}, "sticking", (20,)),
-    "drag between two bodies": (SECOND, {"(a - drag * j->r[m])": "a"}, "terminal_velocity", (9,)),
+    "largest forces within a step": (
+        FIRST,
+        {"if (!singular && monotone) return;": "return;"},
+        "sticking",
+        (20, 116, 152),
+    ),
+    "drag between two bodies": (SECOND, {"(a - drag * j->r[m])": "a"}, "terminal_velocity", (9, 21)),
     "loads in balance": (SECOND, {"return h * ((j->left": "return 0 * ((j->left"}, "twice_compressed", (118,)),
-    "the pull-off": (SECOND, {"num f = -j->pull_off;": "num f = 0;"}, "sticking", (20,)),
+    "the pull-off": (SECOND, {"num f = -j->pull_off;": "num f = 0;"}, "sticking", (20, 56)),
 }
 
 
@@ -87,13 +93,15 @@ def test_a_fault_in_one_program_is_named(programs: dict[str, Path], tmp_path: Pa
         assert text.count(old) == 1
         text = text.replace(old, new)
     faulty = programs | {method.source: compiled(method, tmp_path, source=text)}
-    for number in numbers:
-        scene = awkward_scene(number)
+    named = []
+    # the kept scenes, for their numbers have the same last digits on each machine
+    for scene, _ in (awkward()[number] for number in numbers):
         assert kind_of(scene) == kind
         assert disagreements(*both(programs, scene)) == {}
         first, second = (solved(faulty[each.source], scene, each.settings) for each in (FIRST, SECOND))
         # a program that does not come to an end tells as well
-        assert first is None or second is None or disagreements(first, second)
+        named.append(first is None or second is None or bool(disagreements(first, second)))
+    assert any(named)
 
 
 def test_contacts_that_have_just_touched_do_not_open_by_the_ripple_of_a_series(
