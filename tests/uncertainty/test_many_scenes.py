@@ -27,17 +27,21 @@ def test_the_first_motions_of_a_linear_chain_are_felt(name: str) -> None:
     assert max(trial.ratio.values()) <= 1.0
 
 
-def test_peaks_of_an_ill_conditioned_chain_are_as_uncertain_as_its_velocities() -> None:
-    # precompressed, n = 3.52: a last digit of the speeds can move the peaks of all runs alike, by 2.5e-12
+def test_contacts_of_an_ill_conditioned_chain_are_as_uncertain_as_its_velocities() -> None:
+    # precompressed, n = 3.52: a last digit of the speeds can move the peaks of all runs alike, by 2.5e-12, and the
+    # crossings by 2.8e-12
     [(scene, truth)] = [(scene, truth) for scene, truth in many() if scene.name == "many-117"]
     run = db.solve(scene, backend="scipy")
     assert max(truth.outside(run, quantity) for quantity in QUANTITIES) <= 1.0
     # planted: that error in all runs, while their velocities differ by 4e-12
-    run = replace(run, peak_force=truth.values["peak_force"] * (1.0 + 2.5e-12))
-    other, rule = replace(run, velocity=run.velocity * (1.0 + 4e-12)), looser_rule(scene)
-    for each, inside in ((rule, True), (replace(rule, peaks_follow_velocities=False), False)):
-        stated = replica_uncertainty(run, [other, other], each)
-        assert (truth.outside(replace(run, uncertainty=stated), "peak_force") <= 1.0) is inside
+    wrong: Any = {name: truth.values[name] * (1.0 + 2.8e-12) for name in ("peak_force", "crossing_time")}
+    run, rule = replace(run, **wrong), looser_rule(scene)
+    other = replace(run, velocity=run.velocity * (1.0 + 4e-12))
+    switches: Any = {"peak_force": "peaks_follow_velocities", "crossing_time": "crossings_follow_velocities"}
+    for quantity, switch in switches.items():
+        for each, inside in ((rule, True), (replace(rule, **{switch: False}), False)):
+            stated = replica_uncertainty(run, [other, other], each)
+            assert (truth.outside(replace(run, uncertainty=stated), quantity) <= 1.0) is inside
 
 
 def test_a_damping_force_that_is_largest_at_touch_is_less_the_adhesion() -> None:
