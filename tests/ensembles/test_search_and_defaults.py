@@ -14,6 +14,7 @@ import dem_bridge as db
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.ensembles import run, sensitivity, solve
 from dem_bridge.ensembles.draw import Variation
+from dem_bridge.ensembles.lanes import march
 from dem_bridge.ensembles.run import run_ensemble
 from dem_bridge.ensembles.sensitivity import sobol_indices
 from dem_bridge.ensembles.solve import OBSERVABLES, solve_chains, steps_for
@@ -101,8 +102,6 @@ def test_touches_are_corrected_above_a_millionth_of_the_speed_of_all_energy(
     exponent: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given: list[tuple[Any, ...]] = []
-    march = solve.march
-
     def noting(*arguments: Any) -> Any:
         given.append(arguments)
         return march(*arguments)
