@@ -102,6 +102,7 @@ def test_touches_are_corrected_above_a_millionth_of_the_speed_of_all_energy(
     exponent: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given: list[tuple[Any, ...]] = []
+
     def noting(*arguments: Any) -> Any:
         given.append(arguments)
         return march(*arguments)
