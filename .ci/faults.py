@@ -113,16 +113,23 @@ def _parsed(text: str) -> tuple[ast.Module, list[Change]]:
 
 @contextlib.contextmanager
 def mutated(text: str, index: int) -> Iterator[tuple[ast.Module, str, int, str]]:
-    """Yield the tree with a change, the first changed line of the text, its number, and that line before."""
+    """Yield the tree with a change, the first changed line of the text, its number, and that line before.
+
+    >>> with mutated("y = [x for x in (a if b else c)]", 0) as (_, line, number, _):
+    ...     print(number, line)
+    1 y = [x for x in (a if not b else c)]
+    """
     tree, every = _parsed(text)
     node, field, place, new = every[index]
-    line: int = getattr(node, "lineno", 0) or getattr(new, "lineno", 0)
-    around = next(each for each in tree.body if each.lineno <= line <= (each.end_lineno or 0))
-    before = ast.unparse(around).splitlines()
     holder: Any
     key: Any
     holder, key = (vars(node), field) if place is None else (getattr(node, field), place)
-    old, holder[key] = holder[key], new
+    old = holder[key]
+    # that of the whole, or of its part where the whole has none, such as the loop of a comprehension
+    line: int = next(each.lineno for each in (node, new, old) if getattr(each, "lineno", 0))
+    around = next(each for each in tree.body if each.lineno <= line <= (each.end_lineno or 0))
+    before = ast.unparse(around).splitlines()
+    holder[key] = new
     ast.fix_missing_locations(tree)
     after = ast.unparse(around).splitlines()
     changed = next((pair for pair in zip(before, after, strict=False) if pair[0] != pair[1]), ("", ""))
