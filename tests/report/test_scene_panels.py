@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import dem_bridge as db
+from dem_bridge.drive import Drive
 from dem_bridge.errors import UsageError
 from dem_bridge.report.drawing import WIDTH
 from dem_bridge.report.figures import body_noun, budget_on, convergence, error_budget, front_along_chain, spacetime_maps
@@ -68,11 +70,31 @@ def test_three_bodies_have_a_map_and_two_have_none() -> None:
     [ax] = _panels(spacetime_maps([three]))
     assert _mesh(ax).shape[1] == 2
     assert ax.get_xlabel() == "body"
-    # the shapes of all bodies but the first
-    scene = db.load_scene("sphere-cylinder-sphere")
-    assert scene.geometry is not None
-    assert body_noun(scene) == ("body" if len({body.shape for body in scene.geometry.bodies[1:]}) > 1 else "cylinder")
-    assert body_noun(replace(scene, geometry=None)) == "body"
+
+
+def test_bodies_are_named_by_the_shape_of_all_but_the_first() -> None:
+    def noun(*shapes: str) -> str:
+        bodies = [SimpleNamespace(shape=shape) for shape in shapes]
+        return body_noun(SimpleNamespace(geometry=SimpleNamespace(bodies=bodies)))  # type: ignore[arg-type]
+
+    assert noun("sphere", "cylinder", "cylinder") == "cylinder"
+    assert noun("cylinder", "sphere", "sphere") == "sphere"
+    assert noun("sphere", "sphere", "cylinder") == noun("sphere") == body_noun(SIX) == "body"
+
+
+def test_the_first_body_of_a_driven_chain_is_shown_and_a_striker_is_not() -> None:
+    driven = replace(TEN, velocity=(0.0,) * 10, drive=Drive(shape="sine", force=50.0, frequency=2e4))
+    study, struck = _study(driven, "lammps-granular"), _study(TEN, "lammps-granular")
+    for ax, first in (
+        (_panels(spacetime_maps([study]))[0], 0.0),
+        (_panels(motion([study]))[0], 0.0),
+        (_panels(spacetime_maps([struck]))[0], 1.0),
+        (_panels(motion([struck]))[0], 1.0),
+    ):
+        assert ax.get_xlim() == pytest.approx((first - 0.5, 9.5))
+        assert _mesh(ax).shape[1] == 10 - first
+    # a driven chain has no single front
+    assert front_along_chain([_study(driven, "reference")]) is None
 
 
 def test_convergence_of_several_scenes_has_a_legend_for_each_order() -> None:
