@@ -126,7 +126,7 @@ def mutated(text: str, index: int) -> Iterator[tuple[ast.Module, str, int, str]]
     holder, key = (vars(node), field) if place is None else (getattr(node, field), place)
     old = holder[key]
     # that of the whole, or of its part where the whole has none, such as the loop of a comprehension
-    line: int = next(each.lineno for each in (node, new, old) if getattr(each, "lineno", 0))
+    line: int = next(filter(None, (getattr(each, "lineno", 0) for each in (node, new, old))))
     around = next(each for each in tree.body if each.lineno <= line <= (each.end_lineno or 0))
     before = ast.unparse(around).splitlines()
     holder[key] = new

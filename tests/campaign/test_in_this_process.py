@@ -283,7 +283,8 @@ def test_threads_give_values_in_order_and_the_first_error() -> None:
 
 def _task(folder: Path | None = None, case: Case | None = None, **more: Any) -> Task:
     case = case or short_case()
-    return Task(**{"name": "a", "case": case, "key": case.key, "folder": folder, "limit": 10**9} | more)
+    fields: dict[str, Any] = {"name": "a", "case": case, "key": case.key, "folder": folder, "limit": 10**9}
+    return Task(**fields | more)
 
 
 def test_a_run_is_kept_in_the_store_or_travels(tmp_path: Path) -> None:
@@ -306,7 +307,8 @@ def test_a_run_is_kept_in_the_store_or_travels(tmp_path: Path) -> None:
     assert shared.cache is not None
     assert replace(case, uncertainty=False) not in shared.cache.runs
     assert perform_task(_task(shared=True)).cache is not None
-    assert [tasks.is_stored(_task(tmp_path, **more)) for more in ({}, {"shared": True}, {"recompute": True})] == [
+    others: list[dict[str, Any]] = [{}, {"shared": True}, {"recompute": True}]
+    assert [tasks.is_stored(_task(tmp_path, **more)) for more in others] == [
         True, False, False,
     ]  # fmt: skip
     assert not tasks.is_stored(_task(tmp_path, key=None))
@@ -333,8 +335,8 @@ def test_a_run_that_another_campaign_makes_is_left_to_it(tmp_path: Path, monkeyp
         assert perform_task(replace(task, waits=True)).claimed
         assert waited == [1.0]
         # a claim does not hold up what has to be made here
-        for more in ({"shared": True}, {"recompute": True}):
-            assert not perform_task(replace(task, **more)).claimed
+        for other in (replace(task, shared=True), replace(task, recompute=True)):
+            assert not perform_task(other).claimed
     work = Work([], 1)
     work.pending.append([_task(name="b")])
     assert list(work.done(task, Outcome(claimed=True))) == []

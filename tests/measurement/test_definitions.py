@@ -40,7 +40,11 @@ class Sampled(Prediction):
         run = db.solve(SPRING, backend="verlet", dt=2e-6, uncertainty=False)
         count = len(self.samples_of_run)
         velocity = np.stack([np.zeros(count), self.samples_of_run], axis=1)
-        wide = {"time": np.linspace(0.0, SPRING.duration, count), "velocity": velocity, "displacement": velocity}
+        wide: dict[str, Any] = {
+            "time": np.linspace(0.0, SPRING.duration, count),
+            "velocity": velocity,
+            "displacement": velocity,
+        }
         return replace(
             run, **wide, contact_force=velocity[:, :1], uncertainty=replace(UNKNOWN, velocity=self.error_of_run)
         )

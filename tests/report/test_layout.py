@@ -43,6 +43,10 @@ def _alone(panel: Panel) -> Axes:
     return draw_panel(Figure(figsize=(6.4, 4.8)).add_subplot(), panel)
 
 
+def _columns(legend: Any) -> int:
+    return int(legend._ncols)
+
+
 def _colour_bars(figure: Figure) -> list[Axes]:
     return [ax for ax in figure.axes if ax.get_label() == "<colorbar>"]
 
@@ -96,7 +100,7 @@ def test_the_legend_has_as_many_names_in_a_row_as_there_is_room_for(letters: int
     # eleven and a half letters of 8.5 points are an inch wide, and a line and gaps have the width of seven letters
     room = max(1, min(names, math.floor(11.5 * SHEET) // (letters + 7)))
     assert [text.get_text() for text in legend.get_texts()] == labels  # each once
-    assert legend._ncols == room
+    assert _columns(legend) == room
     rows = math.ceil(names / room)
     assert figure.get_figheight() == pytest.approx(1.95 + 0.35 + 0.17 * (rows - 1), rel=1e-9)
     assert (legend.get_title().get_text(), legend.get_frame_on(), legend.handlelength) == ("", False, 3.4)
@@ -146,7 +150,7 @@ def test_a_panel_of_a_notebook_has_larger_text_and_its_own_legend() -> None:
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["first", "second"]
     assert [text.get_fontsize() for text in legend.get_texts()] == [9.0] * 2
-    assert (legend._ncols, legend.get_frame_on(), legend.handlelength) == (2, False, 3.0)
+    assert (_columns(legend), legend.get_frame_on(), legend.handlelength) == (2, False, 3.0)
     assert legend._get_loc() == 2  # type: ignore[attr-defined] # upper left
     # 6 % above the largest value, and then a row of the legend
     assert ax.get_ylim() == pytest.approx((0.0, 3.18 * (1.0 + 0.085 + 0.02)), rel=1e-9)
@@ -166,7 +170,7 @@ def test_the_room_above_the_lines_is_that_of_all_rows_of_the_legend() -> None:
     legend = ax.get_legend()
     assert legend is not None
     # one name in a row of 4.96 inches, and a row that says that not all points are marked
-    assert legend._ncols == 1
+    assert _columns(legend) == 1
     assert legend.get_title().get_text() == "circles and crosses: not all points are marked"
     assert legend.get_title().get_fontsize() == 9.0
     top = 2.5 * 1.06
@@ -384,7 +388,7 @@ def test_the_note_of_a_point_off_scale_points_at_it() -> None:
     assert note.get_text() == "contact 0: 1.235e+04 , off scale"
     assert note.get_position() == (0.12, 0.925)
     assert note.arrow_patch is not None  # type: ignore[attr-defined]
-    assert (note.get_va(), note.get_in_layout()) == ("center", False)
+    assert (note.get_verticalalignment(), note.get_in_layout()) == ("center", False)
     # of a line without a point, and of one that ends in a nan, there is none
     ax = Figure().add_subplot()
     scale_together([ax], [_panel(_line(y=()), _line(y=(math.nan, 1.0)), _line(y=(9.0, 1.0)))])
@@ -477,10 +481,9 @@ def test_ticks_of_whole_numbers_are_one_two_or_five_apart() -> None:
     assert [ax.xaxis.get_major_locator()._nbins for ax in narrow] == [3, 6]  # type: ignore[attr-defined]
     assert whole.xaxis.get_major_locator()._integer  # type: ignore[attr-defined]
     # those of a map count, too, and a mixture is not whole
-    assert (
-        not _ticked(_panel(_line(), map=replace(MAP, x=np.array([0.0, 0.5, 1.0])))).xaxis.get_major_locator()._integer
-    )  # type: ignore[attr-defined]
-    assert not _ticked(_panel()).xaxis.get_major_locator()._integer  # type: ignore[attr-defined]
+    parts_of_map = _panel(_line(), map=replace(MAP, x=np.array([0.0, 0.5, 1.0])))
+    for panel in (parts_of_map, _panel()):
+        assert not _ticked(panel).xaxis.get_major_locator()._integer  # type: ignore[attr-defined]
     # two series at one place, and two places
     assert _ticked(_panel(_line(x=np.array([7.0]), y=[1.0]), _line(x=np.array([7.0]), y=[2.0]))).get_xlim() == (
         6.0,
