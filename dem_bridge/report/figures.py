@@ -286,12 +286,10 @@ def _draw(panels: Sequence[Panel], columns: int | None = None) -> Figure:
     return draw_figure(FigureData(id="", title="", caption="", panels=tuple(panels), columns=columns or len(panels)))
 
 
-def _panels(
-    rows: int, columns: int, *, width: float, height: float, sharey: bool = True
-) -> tuple[Figure, NDArray[np.object_]]:
+def _panels(rows: int, columns: int, *, width: float, height: float) -> tuple[Figure, NDArray[np.object_]]:
     """Return a figure with axes in rows and columns; ``width`` and ``height`` are those of a panel, inches."""
     figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
-    axes = figure.subplots(rows, columns, sharey="row" if sharey else False, squeeze=False)
+    axes = figure.subplots(rows, columns, sharey="row", squeeze=False)
     return figure, axes.ravel()
 
 
