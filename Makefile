@@ -8,7 +8,7 @@ PYTEST := -n auto
 # without bytecode every process of the tests, and every process that a test starts, would compile all modules again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup verify test test-all bench docs lint peers pins wheels mutate machines soak coverage clean
+.PHONY: setup verify test test-all bench docs lint peers pins wheels mutate machines house soak coverage clean
 
 setup: $(STAMP)
 
@@ -75,6 +75,10 @@ mutate: $(STAMP)
 # the tests whose subject is digits, as on other processors and libraries; ARGS="--whole" for the whole suite
 machines: $(STAMP)
 	$(BIN)/python .ci/machines.py $(ARGS)
+
+# how the package is built, in numbers: rooms, arrows, circles, sizes; ARGS="--checkout DIR --checkout ." for before and after
+house: $(STAMP)
+	$(BIN)/python .ci/house.py $(ARGS)
 
 # campaigns that are killed, have no room, or find damaged files and other users, for an hour; not part of CI
 soak: $(STAMP)

@@ -1,90 +1,224 @@
-"""Measure the size of the package: ``python .ci/house.py [CHECKOUT]``.
+"""Count how the package is built: ``make house``, ``python .ci/house.py --checkout BEFORE --checkout .``.
 
-It prints the number of modules, the lines of code without docstrings, comments and blank lines, the statements, and the
-lines of docstrings. It then counts the calls of functions of the package from ``dem-bridge verify decelerating-40`` to
-its first run.
+A line of code is neither blank nor a comment or docstring alone. A circle is a group of rooms (or modules) each of
+which names each other one, directly or through others; ``house_graph.py`` says what a room and a naming are. Kernels
+are the functions that numba compiles. A private function is called by a test where its name begins with one
+underscore and the package defines it. A monkeypatch is a call of ``setattr``, ``delattr``, ``setitem`` or ``delitem``
+of a fixture, or of ``mock.patch``; variables of the environment are not counted. Modules that are imported by one
+other are no ``__init__``. Only text is read.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
-import io
-import subprocess
+import json
+import re
 import sys
-import tokenize
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
-#: counts calls of functions of the package until the first backend is asked for a run, and ends there
-_COUNT_CALLS = """
-import os, sys
-root = os.path.join(os.getcwd(), "dem_bridge") + os.sep
-calls = 0
+from house_graph import WAYS, circles, floors, graph_of, graph_of_rooms, namings, programs, room_of
+from house_source import Module, is_kernel, is_typed, read_modules
 
-def profile(frame, event, argument):
-    global calls
-    if event != "call" or not frame.f_code.co_filename.startswith(root):
-        return
-    name = frame.f_code.co_name
-    if name == "<module>":
-        return
-    calls += 1
-    # a twin that is solved for the choice of a step is a run too
-    if name in ("run", "solve") and os.sep + "backends" + os.sep in frame.f_code.co_filename:
-        sys.setprofile(None)
-        print(calls, frame.f_code.co_filename[len(root):])
-        sys.stdout.flush()
-        os._exit(0)
-
-import numba  # otherwise the kernel of the prescan is interpreted, and its calls are counted
-from dem_bridge.cli import command
-sys.argv = ["dem-bridge", "verify", "decelerating-40", "-j", "1"]
-sys.setprofile(profile)
-command()
-"""
-_NO_CODE = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
+#: most lines of code of a function, of a kernel and of a class
+FUNCTION, KERNEL, CLASS = 60, 100, 300
+_PATCHES = {"setattr", "delattr", "setitem", "delitem"}
 
 
-def docstring_lines(tree: ast.Module) -> set[int]:
-    """Return the numbers of all lines that belong to docstrings, those under attributes included."""
-    lines: set[int] = set()
-    for node in ast.walk(tree):
-        for statement in getattr(node, "body", ()) if not isinstance(node, ast.Lambda | ast.IfExp) else ():
-            value = statement.value if isinstance(statement, ast.Expr) else None
-            if isinstance(value, ast.Constant) and isinstance(value.value, str):
-                assert statement.end_lineno is not None
-                lines |= set(range(statement.lineno, statement.end_lineno + 1))
-    return lines
+@dataclass(frozen=True)
+class Count:
+    """One number, and what it counts where that can be listed."""
+
+    number: int
+    members: Sequence[str] = field(default=(), repr=False)
+
+    @classmethod
+    def of(cls, members: Sequence[str]) -> Count:
+        return cls(len(members), members)
 
 
-def count(file: Path) -> tuple[int, int, int]:
-    """Return the lines of code, the statements and the lines of docstrings of a module."""
-    text = file.read_text(encoding="utf-8")
-    tree = ast.parse(text)
-    docstrings = docstring_lines(tree)
-    statements = sum(
-        isinstance(node, ast.stmt) and not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))
-        for node in ast.walk(tree)
-    )
-    code: set[int] = set()
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type not in _NO_CODE:
-            code |= set(range(token.start[0], token.end[0] + 1))
-    return len(code - docstrings), statements, len(docstrings)
+def count_rooms(package: Path, modules: Mapping[str, Module]) -> dict[str, Count]:
+    """Count rooms, what they name of each other, and the circles of it."""
+    rooms = {room_of(name) for name in modules if name != package.name}
+    loose = sorted(room for room in rooms if (package / f"{room}.py").is_file() and room != "__main__")
+    found = namings(package, modules)
+    whole, stated = graph_of(found), graph_of(found, WAYS[:1])
+    arrows, by_statement = graph_of_rooms(whole), graph_of_rooms(stated)
+    in_words = graph_of_rooms(graph_of(found, WAYS[:2]))
+    unstated = [f"{a} -> {b}" for a, others in arrows.items() for b in others - by_statement.get(a, set())]
+    importers = Counter(name for targets in stated.values() for name in targets)
+    once = [name for name, times in importers.items() if times == 1 and modules[name].file.name != "__init__.py"]
+    return {
+        "rooms": Count.of(sorted(rooms)),
+        "loose modules": Count.of(loose),
+        "floors": Count(floors(arrows)),
+        "floors by statements alone": Count(floors(by_statement)),
+        "arrows between rooms": Count.of(sorted(f"{a} -> {b}" for a, others in arrows.items() for b in others)),
+        "arrows in strings and data alone": Count.of(sorted(unstated)),
+        "circles of rooms": Count.of([" ".join(one) for one in circles(arrows)]),
+        "circles of rooms without data files": Count.of([" ".join(one) for one in circles(in_words)]),
+        "circles of rooms by statements alone": Count.of([" ".join(one) for one in circles(by_statement)]),
+        "rooms in circles": Count(sum(map(len, circles(arrows)))),
+        "circles of modules": Count.of([" ".join(one) for one in circles(whole)]),
+        "programs that are started": Count.of(programs(package.name, modules)),
+        "modules with one importer": Count.of(sorted(once)),
+    }
 
 
-def main(checkout: Path) -> None:
-    """Print the figures of a checkout."""
-    counts = [count(file) for file in sorted((checkout / "dem_bridge").rglob("*.py"))]
-    print(f"modules             {len(counts)}")
-    for name, column in zip(
-        ("lines of code", "statements", "lines of docstrings"), zip(*counts, strict=True), strict=True
-    ):
-        print(f"{name:19} {sum(column)}")
-    environment = {"PATH": "", "PYTHONPATH": str(checkout), "DEM_BRIDGE_STORE": ""}
-    command = [sys.executable, "-c", _COUNT_CALLS]
-    done = subprocess.run(command, cwd=checkout, env=environment, capture_output=True, text=True, check=True)
-    print(f"calls to first run  {done.stdout.strip()}")
+def count_sizes(modules: Mapping[str, Module]) -> dict[str, Count]:
+    """Count lines, and what is too long or not typed."""
+    every = modules.values()
+    functions = [(module, node) for module in every for node in module.functions]
+    plain = [(module, node) for module, node in functions if not is_kernel(node)]
+    kernels = [(module, node) for module, node in functions if is_kernel(node)]
+    classes = [(module, node) for module in every for node in module.classes]
+
+    def above(
+        most: int, nodes: Sequence[tuple[Module, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef]]
+    ) -> Count:
+        sizes = [(module.size(node), f"{module.name}.{node.name}") for module, node in nodes]
+        return Count.of([f"{name} {size}" for size, name in sorted(sizes, reverse=True) if size > most])
+
+    ignored = [module.name for module in every for text in module.comments if re.search(r"type:\s*ignore", text)]
+    names = [module.name for module in every for node in module.nodes if _is_any(node)]
+    return {
+        "modules": Count(len(modules)),
+        "lines of code": Count(sum(len(module.code) for module in every)),
+        "statements": Count(sum(module.statements for module in every)),
+        "lines of docstrings": Count(sum(len(module.docstrings) for module in every)),
+        "modules above 350 lines": Count.of([one.name for one in every if len(one.text.splitlines()) > 350]),
+        f"functions above {FUNCTION} lines": above(FUNCTION, plain),
+        f"kernels above {KERNEL} lines": above(KERNEL, kernels),
+        f"classes above {CLASS} lines": above(CLASS, classes),
+        "kernels": Count(len(kernels)),
+        "untyped kernels": Count.of([f"{module.name}.{node.name}" for module, node in kernels if not is_typed(node)]),
+        "type: ignore": Count.of(ignored),
+        "Any": Count.of(names),
+    }
+
+
+def count_tests(tests: Mapping[str, Module], modules: Mapping[str, Module]) -> dict[str, Count]:
+    """Count what ties tests to private parts, in total; :func:`by_folder` has it folder by folder."""
+    private = {node.name for module in modules.values() for node in module.functions if _is_private(node.name)}
+    calls = [module.name for module in tests.values() for _ in private_calls(module, private)]
+    patches = [(module.name, name) for module in tests.values() for name in patched(module)]
+    return {
+        "lines of code of tests": Count(sum(len(module.code) for module in tests.values())),
+        "calls of private functions in tests": Count.of(calls),
+        "monkeypatches in tests": Count.of([name for name, _ in patches]),
+        "monkeypatches of private names in tests": Count.of([name for name, what in patches if _is_private(what)]),
+    }
+
+
+def private_calls(module: Module, private: set[str]) -> Iterator[str]:
+    """Yield the private functions of the package that a test calls, one for each call."""
+    own = {node.name for node in module.functions}
+    for node in module.nodes:
+        if isinstance(node, ast.Call):
+            target = node.func
+            if isinstance(target, ast.Attribute) and target.attr in private:
+                if not (
+                    isinstance(target.value, ast.Name) and target.value.id in ("self", "cls") and target.attr in own
+                ):
+                    yield target.attr
+            elif isinstance(target, ast.Name) and target.id in private - own:
+                yield target.id
+
+
+def patched(module: Module) -> Iterator[str]:
+    """Yield the names that a test patches, "" where they are not in the text."""
+    for node in module.nodes:
+        if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+            continue
+        owner = node.func.value
+        of_mock = node.func.attr == "patch" or (isinstance(owner, ast.Attribute | ast.Name) and _last(owner) == "patch")
+        if (node.func.attr in _PATCHES and not isinstance(owner, ast.Constant)) or (
+            of_mock and _last(owner) != "patch"
+        ):
+            texts = [one.value for one in node.args if isinstance(one, ast.Constant) and isinstance(one.value, str)]
+            yield texts[0].rpartition(".")[2] if texts else ""
+
+
+def by_folder(counts: Mapping[str, Count]) -> dict[str, dict[str, int]]:
+    """Return the calls of private functions and the monkeypatches of each folder of tests.
+
+    >>> by_folder({"monkeypatches in tests": Count.of(["tests.lmp.test_a", "tests.test_b"])})
+    {'lmp': {'monkeypatches in tests': 1}, '(tests)': {'monkeypatches in tests': 1}}
+    """
+    folders: dict[str, dict[str, int]] = {}
+    for name in ("calls of private functions in tests", "monkeypatches in tests"):
+        for module in counts.get(name, Count(0)).members:
+            parts = module.split(".")
+            folder = folders.setdefault(parts[1] if len(parts) > 2 else "(tests)", {})
+            folder[name] = folder.get(name, 0) + 1
+    return folders
+
+
+def count(checkout: Path) -> dict[str, Count]:
+    """Return all counts of a checkout, in the order in which they are printed."""
+    package, tests = checkout / "dem_bridge", checkout / "tests"
+    if not package.is_dir():
+        raise SystemExit(f"--checkout {checkout}: has no folder dem_bridge; give the root of a checkout")
+    modules = read_modules(package)
+    sizes, rooms = count_sizes(modules), count_rooms(package, modules)
+    return {**sizes, **rooms, **count_tests(read_modules(tests), modules)}
+
+
+def table(columns: Mapping[str, Mapping[str, int]]) -> str:
+    """Return counts as a table of Markdown, a column for each checkout.
+
+    >>> print(table({"before": {"rooms": 54}, "after": {"rooms": 21, "floors": 11}}))
+    | | before | after |
+    |---|---:|---:|
+    | rooms | 54 | 21 |
+    | floors | - | 11 |
+    """
+    names = dict.fromkeys(name for column in columns.values() for name in column)
+    lines = [f"| | {' | '.join(columns)} |", f"|---|{'---:|' * len(columns)}"]
+    cells = ([str(column.get(name, "-")) for column in columns.values()] for name in names)
+    return "\n".join([*lines, *(f"| {name} | {' | '.join(row)} |" for name, row in zip(names, cells, strict=True))])
+
+
+def _is_private(name: str) -> bool:
+    return name.startswith("_") and not name.startswith("__")
+
+
+def _is_any(node: ast.AST) -> bool:
+    return isinstance(node, ast.Name | ast.Attribute) and _last(node) == "Any"
+
+
+def _last(node: ast.AST) -> str:
+    return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+
+
+def main() -> int:
+    """Print the counts of the checkouts."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--checkout", type=Path, action="append", metavar="DIR", help="root; several: default this one")
+    parser.add_argument("--list", metavar="COUNT", help="what one count counts, such as 'circles of rooms'")
+    parser.add_argument("--folders", action="store_true", help="private calls and monkeypatches by folder of tests")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    options = parser.parse_args()
+    roots = [root.resolve() for root in options.checkout or [Path(__file__).parent.parent]]
+    counts = {f"{number} {root.name}": count(root) for number, root in enumerate(roots, 1)}
+    if options.list is not None:
+        for name, found in counts.items():
+            if options.list not in found:
+                parser.error(f"--list {options.list!r}; allowed: {', '.join(found)}")
+            print(f"{name}:", *found[options.list].members, sep="\n  ")
+        return 0
+    numbers = {name: {key: one.number for key, one in found.items()} for name, found in counts.items()}
+    if options.folders:
+        folders = {name: sorted(by_folder(found).items()) for name, found in counts.items()}
+        numbers = {
+            name: {f"{f}: {k}": n for f, these in some for k, n in these.items()} for name, some in folders.items()
+        }
+    print(json.dumps(numbers, indent=1) if options.json else table(numbers))
+    return 0
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else ".").resolve())
+    sys.exit(main())

@@ -1,0 +1,12 @@
+"""Load the programs of ``.ci`` that count how the package is built, because that folder is no package."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent.parent / ".ci"))
+
+import house as house
+import house_graph as house_graph
+import house_source as house_source
