@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import doctest
+import sys
 from pathlib import Path
 
 import pytest
 
-from tests.helpers.house import house, house_graph, house_source
+from tests.helpers.house import house, house_graph, house_runs, house_source, same_bytes
 
 #: a module, and what it holds
 TINY = {
@@ -134,7 +135,47 @@ def test_a_checkout_without_the_package_is_refused(tmp_path: Path) -> None:
         house.count(tmp_path)
 
 
-@pytest.mark.parametrize("module", [house, house_graph])
+@pytest.mark.parametrize("module", [house, house_graph, house_runs, same_bytes])
 def test_examples(module: object) -> None:
     result = doctest.testmod(module)  # type: ignore[arg-type]
     assert result.attempted > 0 == result.failed
+
+
+def test_a_changed_byte_a_new_file_and_a_lost_file_are_named(tmp_path: Path) -> None:
+    sides = [tmp_path / "before", tmp_path / "after"]
+    for side, digit in zip(sides, "12", strict=True):
+        (side / "work").mkdir(parents=True)
+        (side / "a.txt").write_text(f"first\nvelocity 0.{digit}\n", encoding="utf-8")
+        (side / "b.json").write_text(f'{{"made": "2026-11-2{digit}", "cpu": {digit}.5, "n": 1}}', encoding="utf-8")
+        (side / "work" / f"only{digit}").touch()
+    found = same_bytes.compare(*sides)
+    assert found["a.txt"].startswith("line 2: 'velocity 0.1' -> 'velocity 0.2'")
+    assert found["b.json"] == ""
+    assert (found["work/only1"], found["work/only2"]) == ("only before", "only after")
+
+
+PROBED = """\
+class Scene:
+    pass
+
+def run_key(scene):
+    return str(id(scene))
+
+def command():
+    from dem_bridge.other import take
+    scenes = [Scene(), Scene()]
+    for scene in [*scenes, scenes[0]]:
+        run_key(scene)
+        take(1, scene)
+"""
+
+
+def test_calls_that_carry_a_scene_and_change_the_module_are_counted(tmp_path: Path) -> None:
+    files = {"__init__.py": "", "cli.py": PROBED, "other.py": "def take(number, scene):\n    return number\n"}
+    for name, text in files.items():
+        (tmp_path / "dem_bridge").mkdir(exist_ok=True)
+        (tmp_path / "dem_bridge" / name).write_text(text, encoding="utf-8")
+    found = house_runs.run(tmp_path, Path(sys.executable), ["verify"], counted=True)
+    assert (found["run_key"], found["distinct"]) == (3, 2)
+    assert (found["carried"], found["modules"], found["rooms"]) == (6, 3, 3)
+    assert found["by_name"]["other:take"] == 3

@@ -9,4 +9,6 @@ sys.path.insert(0, str(Path(__file__).parent.parent.parent / ".ci"))
 
 import house as house
 import house_graph as house_graph
+import house_runs as house_runs
 import house_source as house_source
+import same_bytes as same_bytes
