@@ -25,7 +25,7 @@ class Calls:
         self.by_name: Counter[str] = Counter()
         self.keys: Counter[str] = Counter()
         self.misses = 0
-        self.carried = self.modules = self.rooms = 0
+        self.methods = self.carried = self.modules = self.rooms = 0
         self._known: dict[CodeType, tuple[str, str] | None] = {}
 
     def place(self, code: CodeType) -> tuple[str, str] | None:
@@ -58,6 +58,7 @@ class Calls:
             return
         arguments = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
         values = frame.f_locals
+        self.methods += type(values.get("self")).__name__ == "Scene"
         if any(type(values.get(one)).__name__ == "Scene" for one in arguments if one != "self"):
             self.carried += 1
             back = frame.f_back
@@ -71,7 +72,7 @@ class Calls:
     def result(self) -> dict[str, Any]:
         distinct = len(self.keys)
         called = {"run_key": sum(self.keys.values()), "distinct": distinct, "misses": self.misses}
-        changes = {"carried": self.carried, "modules": self.modules, "rooms": self.rooms}
+        changes = {"methods": self.methods, "carried": self.carried, "modules": self.modules, "rooms": self.rooms}
         return {**called, **changes, "by_name": dict(self.by_name.most_common())}
 
 

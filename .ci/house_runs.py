@@ -74,7 +74,11 @@ def counts_of(checkout: Path, python: Path, *, quick: bool) -> dict[str, int]:
     found = run(checkout, python, VERIFY, counted=True)
     names = {"run_key": "run_key", "distinct": "distinct keys", "misses": "misses of the store"}
     names |= {"carried": "calls that carry the scene", "modules": "... into another module"}
-    names |= {"rooms": "... into another room", "exit": "exit code"}
+    names |= {
+        "rooms": "... into another room",
+        "methods": "calls of methods and properties of the Scene",
+        "exit": "exit code",
+    }
     result = {f"verify: {told}": int(found[name]) for name, told in names.items()}
     result |= {f"verify: {told}": matched(found["by_name"], pattern) for told, pattern in OF_VERIFY.items()}
     result["verify: CPU, s"] = round(run(checkout, python, VERIFY, counted=False)["cpu"])
