@@ -21,6 +21,7 @@ from pathlib import Path
 ASIDE = {
     "times": r'("(?:wall|cpu|wall_time|cpu_time|seconds|setup|made|stored|date|started|finished|elapsed)":\s*)[^,}\n]+',
     "durations in words": r"()\b\d[\d.,]*(?:e[+-]?\d+)?\s?(?:ms|s|min)(?: of)? (?:CPU|wall)\b",
+    "wall times of runs": r"((?:wall|CPU) time\s+)[\d.e+-]+ s",
     "dates": r"()\b\d{4}-\d\d-\d\d(?:[T ]\d\d:\d\d(?::\d\d)?(?:[+-]\d\d:\d\d|Z| UTC)?)?",
     "code hashes and run keys": r"()\b[0-9a-f]{64}\b",
     "bytes of netCDF": r"()(?<=\x89HDF)(?s:.*)",
