@@ -19,18 +19,17 @@ ROOT = Path(__file__).resolve().parent.parent
 #: groups of parts, and the files and folders of each part, in which faults are planted: a sample is one of a group
 GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
     "numerics": {
-        part: (part,)
-        for part in (
-            "physics", "accuracy.py", "verification/verdict.py", "uncertainty", "observables", "lmp/deck.py", "judging",
-        )
+        "physics": ("physics",), "uncertainty": ("runs/uncertainty",), "observables": ("observables",),
+        "deck": ("lmp/deck.py",), "judging": ("judging",),
     },
-    "services": {part: (part,) for part in ("ensembles", "exports", "planning", "campaign", "measurement")}
-    | {
+    "services": {
+        "ensembles": ("ensembles",), "exports": ("formats/tables", "formats/writers.py", "scene/file/scene_csv.py"),
+        "planning": ("runs/planning",), "campaign": ("runs/campaign",), "measurement": ("studies/measurement",),
         "figures": (
-            "plot.py", "report/drawing.py", "report/figure_csv.py", "report/figures.py", "report/motion.py",
+            "plot.py", "report/drawing.py", "report/figure_csv.py", "verification/figures.py", "verification/motion.py",
             "report/scales.py",
         ),
-        "keys": ("runs/cache.py", "runs/case.py", "runs/keys.py", "cluster.py"),
+        "keys": ("runs/cache.py", "runs/case.py", "runs/keys.py"),
     },
 }  # fmt: skip
 _OPERATORS: dict[type, type] = {
@@ -191,7 +190,7 @@ class Live:
     """What a process has loaded: functions by their file, compiled kernels and caches; made once, before the forks."""
 
     def __init__(self) -> None:
-        from dem_bridge.compiled import Kernel
+        from dem_bridge.foundation.compiled import Kernel
 
         gc.unfreeze()  # conftest.py froze what was collected
         objects = gc.get_objects()
@@ -291,7 +290,7 @@ class Statements:
 
     def watch(self, live: Live, files: Sequence[str]) -> None:
         """Give all functions of some files code with these calls, in this process; compiled ones count as a whole."""
-        from dem_bridge.compiled import Kernel
+        from dem_bridge.foundation.compiled import Kernel
 
         compiled = {kernel.py_func.__code__: kernel.__module__ for kernel in live.kernels}
         lines: dict[str, set[tuple[str, int]]] = {name: set() for name in compiled.values()}

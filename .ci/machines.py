@@ -33,9 +33,9 @@ from quality import PAGE, write_rows
 ROOT = PAGE.parent.parent
 FOLDER = ROOT / "reports" / "latest" / "machines"
 LIBM, PROBE = (Path(__file__).with_name(name) for name in ("other_libm.c", "machine_probe.py"))
-_PARTS = ("uncertainty", "backends", "judging", "regression", "observables", "physics", "accuracy.py")
+_PARTS = ("runs/uncertainty", "backends", "judging", "verification/regression", "observables", "physics")
 #: the tests whose subject is digits, and the examples of what they test
-DIGITS = (*(f"tests/{part}" for part in _PARTS[:-1]), "tests/test_accuracy.py", *(f"dem_bridge/{p}" for p in _PARTS))
+DIGITS = (*(f"{room}/{part}" for room in ("tests", "dem_bridge") for part in _PARTS),)
 #: libraries whose digits are compared with those of this machine as it is
 PROBES = ("libm", "numpy", "dot", "solve", "kernel")
 #: variables that the digits of machine code depend on, for calls of libm with constants are made by the compiler

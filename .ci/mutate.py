@@ -39,20 +39,18 @@ from faults import GROUPS, INTERPRETED, ROOT, Live, Mutant, Statements, lines_of
 
 #: tests of each part beside its examples; what others catch by chance does not count
 TESTS = {
-    "physics": ("tests/physics", "tests/test_restitution.py", "tests/exports/test_angles.py"),
-    "observables": ("tests/observables",),
-    "accuracy.py": ("tests/test_accuracy.py",),
-    "verification/verdict.py": ("tests/verification",),
-    "lmp/deck.py": ("tests/lmp/test_deck.py",),
-    "uncertainty": ("tests/uncertainty",),
+    "physics": ("tests/physics", "tests/trajectory/test_restitution.py", "tests/formats/tables/test_angles.py"),
+    "observables": ("tests/observables", "tests/verification"),
+    "deck": ("tests/lmp/test_deck.py",),
+    "uncertainty": ("tests/runs/uncertainty",),
     "judging": ("tests/judging",),
     "ensembles": ("tests/ensembles",),
-    "exports": ("tests/exports",),
-    "planning": ("tests/planning",),
-    "campaign": ("tests/campaign",),
-    "measurement": ("tests/measurement",),
-    "figures": ("tests/report", "tests/test_plot.py"),
-    "keys": ("tests/runs", "tests/campaign/test_cluster.py"),
+    "exports": ("tests/formats", "tests/scene/file"),
+    "planning": ("tests/runs/planning",),
+    "campaign": ("tests/runs/campaign",),
+    "measurement": ("tests/studies/measurement",),
+    "figures": ("tests/report", "tests/verification", "tests/test_plot.py"),
+    "keys": ("tests/runs",),
 }
 #: answers for a fault that no test catches
 SURVIVES = ("none", "not covered")

@@ -123,7 +123,7 @@ def paper(env: Environment, words: Sequence[str]) -> Part:
 
 def _replay() -> Any:
     """How a bundle is replayed: it knows how far honest numbers may move, and is a program of its own, too."""
-    place = Path(__file__).resolve().parent.parent / "dem_bridge" / "report" / "replay.py"
+    place = Path(__file__).resolve().parent.parent / "dem_bridge" / "verification" / "replay.py"
     spec = importlib.util.spec_from_file_location("replay", place)
     if spec is None or spec.loader is None:
         raise Broken(f"{place} cannot be loaded")

@@ -1,10 +1,8 @@
 """Name the module of every public name, for type checkers and for the first use of a name."""
 
 from dem_bridge import errors as errors
-from dem_bridge import features as features
 from dem_bridge import plot as plot
 from dem_bridge import testing as testing
-from dem_bridge.accuracy import observed_order as observed_order
 from dem_bridge.api.ensembles import ensemble as ensemble
 from dem_bridge.api.judge import judge as judge
 from dem_bridge.api.regress import regress as regress
@@ -24,27 +22,29 @@ from dem_bridge.api.trajectories import write_trajectory as write_trajectory
 from dem_bridge.api.verification import verify as verify
 from dem_bridge.backends.base import Resolution as Resolution
 from dem_bridge.backends.base import Sampling as Sampling
-from dem_bridge.drive import Drive as Drive
-from dem_bridge.exports.angles import angles_for as angles_for
-from dem_bridge.geometry import Body as Body
-from dem_bridge.geometry import Geometry as Geometry
-from dem_bridge.geometry import Material as Material
+from dem_bridge.formats.tables.angles import angles_for as angles_for
 from dem_bridge.judging.judgement import Judgement as Judgement
 from dem_bridge.lmp.engine import Engine as Engine
+from dem_bridge.observables.accuracy import observed_order as observed_order
 from dem_bridge.physics.law import ContactLaw as ContactLaw
 from dem_bridge.physics.law import law_of as law_of
-from dem_bridge.planning.answer import Plan as Plan
-from dem_bridge.scene import Adhesion as Adhesion
-from dem_bridge.scene import Damping as Damping
-from dem_bridge.scene import Scene as Scene
-from dem_bridge.scene import Wall as Wall
-from dem_bridge.scene_file import load_scene as load_scene
-from dem_bridge.scene_file import shipped_scenes as shipped_scenes
-from dem_bridge.scene_file.bodies import chain as chain
-from dem_bridge.studies.study import Study as Study
-from dem_bridge.studies.verification import Verification as Verification
-from dem_bridge.trajectory import Trajectory as Trajectory
-from dem_bridge.trajectory import load_trajectory as load_trajectory
+from dem_bridge.report.study import Study as Study
+from dem_bridge.runs.planning.answer import Plan as Plan
+from dem_bridge.scene import features as features
+from dem_bridge.scene.drive import Drive as Drive
+from dem_bridge.scene.file import load_scene as load_scene
+from dem_bridge.scene.file import shipped_scenes as shipped_scenes
+from dem_bridge.scene.file.bodies import chain as chain
+from dem_bridge.scene.geometry import Body as Body
+from dem_bridge.scene.geometry import Geometry as Geometry
+from dem_bridge.scene.geometry import Material as Material
+from dem_bridge.scene.scene import Adhesion as Adhesion
+from dem_bridge.scene.scene import Damping as Damping
+from dem_bridge.scene.scene import Scene as Scene
+from dem_bridge.scene.scene import Wall as Wall
+from dem_bridge.trajectory.trajectory import Trajectory as Trajectory
+from dem_bridge.trajectory.trajectory import load_trajectory as load_trajectory
+from dem_bridge.verification.verification import Verification as Verification
 from dem_bridge.version import __version__ as __version__
 
 __all__: list[str]

@@ -15,13 +15,13 @@ import numpy as np
 from dem_bridge.api.runs import solve
 from dem_bridge.errors import UsageError
 from dem_bridge.report.drawing import Axes, draw_panel, new_axes
-from dem_bridge.report.figures import LABELS, budget_on, residence_panel, spacetime_panel
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene, scene_of, shipped_scenes
-from dem_bridge.studies.study import Panel, Series
-from dem_bridge.studies.verification import Verification
-from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.report.study import Panel, Series
+from dem_bridge.scene.file import load_scene, scene_of, shipped_scenes
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.figures import LABELS, budget_on, residence_panel, spacetime_panel
+from dem_bridge.verification.verification import Verification
 
 #: one run, several runs, or runs by label
 Runs = Trajectory | Sequence[Trajectory] | Mapping[str, Trajectory]

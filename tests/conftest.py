@@ -20,8 +20,8 @@ import dem_bridge as db
 from dem_bridge.errors import BackendUnavailable
 from dem_bridge.lmp import process
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.quadruple_truth import Truth, load_truth
 from tests.helpers.strategies import EXPLORE
 

@@ -33,8 +33,8 @@ import numpy as np
 from scipy import stats
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import run_cases
 from dem_bridge.runs import inspect
+from dem_bridge.runs.campaign import run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.keys import _MOST_DETERMINED
 from dem_bridge.runs.store import DAMAGED, SUFFIX, Store

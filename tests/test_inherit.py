@@ -29,11 +29,11 @@ from dem_bridge.backends.base import BACKENDS, backend
 from dem_bridge.backends.catalogue import Entry
 from dem_bridge.cli import main
 from dem_bridge.observables import registry
-from dem_bridge.planning.predict import EVALUATIONS
-from dem_bridge.scene import Scene
+from dem_bridge.runs.planning.predict import EVALUATIONS
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.catalogue import STUDIES
 from dem_bridge.studies.paper.runs import BESIDE
-from dem_bridge.studies.verify import plan_scene
+from dem_bridge.verification.verify import plan_scene
 from tests.conftest import Solve
 from tests.helpers.export_chains import CROSSED
 from tests.helpers.move_pins import move_pins
@@ -184,7 +184,7 @@ def test_the_example_of_a_backend_runs_within_its_bars(
     error = np.max(np.abs(run.velocity - truth.velocity))
     assert 0.0 < error <= run.uncertainty["velocity"] + truth.uncertainty["velocity"]
     counted = {
-        name: int(count) for name, count in re.findall(r'"([\w-]+)": (\d+)', _diff("planning/laws.json").added())
+        name: int(count) for name, count in re.findall(r'"([\w-]+)": (\d+)', _diff("runs/planning/laws.json").added())
     }
     assert counted["leapfrog"] == _evaluations(solved(scene, "leapfrog", dt=1e-7, uncertainty=False))
 
@@ -233,7 +233,7 @@ def test_the_example_of_a_scene_loads_and_has_the_hash_that_the_page_says(tmp_pa
     file.write_text(block.body, encoding="utf-8")
     scene = db.load_scene(file)
     assert scene.name == file.stem
-    assert f'"{scene.content_hash}"' in _diff("tests/scene_file/test_shipped_scenes.py", "twelve").added()
+    assert f'"{scene.content_hash}"' in _diff("tests/scene/file/test_shipped_scenes.py", "twelve").added()
     assert one_more_scene(SCENES) != SCENES
 
 
@@ -258,7 +258,7 @@ def _diff(path: str, text: str = "") -> Block:
 
 
 def test_every_backend_says_what_it_shares_with_its_judge() -> None:
-    from tests.studies.test_independence import JUDGED
+    from tests.verification.test_independence import JUDGED
 
     assert {judged for judged, judge in JUDGED if judge == "reference"} == set(BACKENDS) - {"reference"}
 

@@ -17,11 +17,11 @@ import dem_bridge as db
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.front import arrival, residence_time, residence_time_uncertainty
 from dem_bridge.report.strokes import STYLES, style_of
-from dem_bridge.scene import Scene
-from dem_bridge.studies.verification import Verification, verification_of
-from dem_bridge.studies.verify import study_without_runs
+from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
+from dem_bridge.verification.verification import Verification, verification_of
+from dem_bridge.verification.verify import study_without_runs
 from tests.conftest import Solve
 from tests.helpers.legibility import assert_legible
 

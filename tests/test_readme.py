@@ -77,7 +77,7 @@ def test_the_python_example_prints_what_the_page_says(
 
 @pytest.mark.parametrize("page", ["docs/start.md", "docs/scenes.md"])
 def test_the_scene_on_the_page_loads(page: str) -> None:
-    from dem_bridge.scene_file import parse_scene
+    from dem_bridge.scene.file import parse_scene
 
     texts = re.findall(r"```toml\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
     scene, *_ = [parse_scene(text, where=page) for text in texts]

@@ -13,11 +13,11 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import SceneError, UsageError
-from dem_bridge.regression.baseline import read_baseline
-from dem_bridge.regression.run import with_since
 from dem_bridge.runs import inspect
 from dem_bridge.runs.store import SUFFIX, Store
-from dem_bridge.scene_file import parse_scene
+from dem_bridge.scene.file import parse_scene
+from dem_bridge.verification.regression.baseline import read_baseline
+from dem_bridge.verification.regression.run import with_since
 from tests.helpers.fake_runs import CHAIN, free_flight
 
 ROOT = Path(__file__).parent.parent

@@ -11,7 +11,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import DemBridgeError, SceneError
-from dem_bridge.scene_file import parse_scene
+from dem_bridge.scene.file import parse_scene
 from tests.helpers.command_line import run_here
 from tests.helpers.fake_runs import CHAIN
 

@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dem_bridge.arguments import check_arguments
+from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import scene_of
+from dem_bridge.scene.file import scene_of
+from dem_bridge.scene.scene import Scene
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from dem_bridge.campaign import Progress
     from dem_bridge.ensembles.result import Ensemble
+    from dem_bridge.runs.campaign import Progress
 
 
 def ensemble(

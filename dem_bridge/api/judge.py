@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeGuard, cast
 
-from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
+from dem_bridge.formats.readers.source import File, with_step
+from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.readers.source import File, with_step
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import scene_of
+from dem_bridge.scene.file import scene_of
+from dem_bridge.scene.scene import Scene
 
 if TYPE_CHECKING:
     from dem_bridge.judging.judgement import Judgement

@@ -8,19 +8,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dem_bridge.accuracy import checked_accuracy
-from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
-from dem_bridge.files import write_whole
+from dem_bridge.foundation.arguments import check_arguments
+from dem_bridge.foundation.files import write_whole
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.accuracy import checked_accuracy
 from dem_bridge.runs.store import default_folder
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from dem_bridge.campaign import Progress
-    from dem_bridge.regression.run import Regression
+    from dem_bridge.runs.campaign import Progress
+    from dem_bridge.verification.regression.run import Regression
 
 
 def regress(
@@ -102,8 +102,8 @@ def regress(
     [('NEW', 0), ('SAME', 0)]
     """
     check_arguments(regress, locals())
-    from dem_bridge.campaign import jobs_of
-    from dem_bridge.regression.run import Selection, compare_engines, regress_scenes, with_since
+    from dem_bridge.runs.campaign import jobs_of
+    from dem_bridge.verification.regression.run import Selection, compare_engines, regress_scenes, with_since
 
     if scenes is None:
         scenes = ()

@@ -7,8 +7,6 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dem_bridge.accuracy import checked_accuracy
-from dem_bridge.arguments import check_arguments
 from dem_bridge.backends.base import (
     BACKENDS,
     ENGINE_BACKENDS,
@@ -21,18 +19,20 @@ from dem_bridge.backends.base import (
 )
 from dem_bridge.backends.prescan import interpretable
 from dem_bridge.errors import UnsupportedScene, UsageError, shown
-from dem_bridge.files import write_whole
+from dem_bridge.foundation.arguments import check_arguments
+from dem_bridge.foundation.files import write_whole
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.accuracy import checked_accuracy
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import scene_of
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.uncertainty.estimate import solve as solve_case
+from dem_bridge.runs.uncertainty.estimate import solve as solve_case
+from dem_bridge.scene.file import scene_of
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from dem_bridge.campaign import Progress
-    from dem_bridge.planning.answer import Plan
+    from dem_bridge.runs.campaign import Progress
+    from dem_bridge.runs.planning.answer import Plan
 
 #: the function ``backend`` has the name of a parameter of the facade
 _backend = backend
@@ -167,7 +167,7 @@ def solve(
     if order is None:
         run = solve_case(case, cache)
     else:
-        from dem_bridge.uncertainty.extrapolate import extrapolate
+        from dem_bridge.runs.uncertainty.extrapolate import extrapolate
 
         run = extrapolate(case)
     if accuracy is not None:
@@ -232,7 +232,7 @@ def plan(
     (True, True)
     """
     check_arguments(plan, locals())
-    from dem_bridge.planning.planner import plan_for
+    from dem_bridge.runs.planning.planner import plan_for
 
     scene = scene_of(scene)
     return plan_for(
@@ -343,7 +343,7 @@ def available() -> dict[str, Availability]:
 
 def _cheapest(scene: Scene, accuracy: object, sampling: Sampling) -> str:
     """Return the cheapest backend for an accuracy, of those whose uncertainty can be brought within it."""
-    from dem_bridge.planning.planner import plan_for
+    from dem_bridge.runs.planning.planner import plan_for
 
     if accuracy is None:
         raise UsageError(f"backend = None; allowed: {', '.join(BACKENDS)}, or an accuracy from which one follows")
@@ -363,7 +363,7 @@ def _resolution_for(
     if solver.order is None:
         return resolution
     # it loads the compiler, which not every backend needs
-    from dem_bridge.uncertainty.step_choice import step_for_accuracy
+    from dem_bridge.runs.uncertainty.step_choice import step_for_accuracy
 
     resolution = replace(resolution, tables=resolution.tables or solver.name == "lammps-table")
     by = "verlet" if solver.name in (*ENGINE_BACKENDS, "ase") else solver.name

@@ -7,10 +7,10 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import OF_DAMAGED_DATA, DemBridgeError, SceneError, UsageError
-from dem_bridge.files import text_of_file
-from dem_bridge.scene import Scene
+from dem_bridge.foundation.arguments import check_arguments
+from dem_bridge.foundation.files import text_of_file
+from dem_bridge.scene.scene import Scene
 
 if TYPE_CHECKING:
     from dem_bridge.lmp.reader.scene import ReadDeck
@@ -71,8 +71,8 @@ def scene_from_csv(
     ('pair', (0.008, 0.01), (4000000000.0,), 9.81)
     """
     check_arguments(scene_from_csv, locals())
-    from dem_bridge.exports.scene_csv import scene_of_csv
     from dem_bridge.lmp.reader.scene import scene_name
+    from dem_bridge.scene.file.scene_csv import scene_of_csv
 
     for key in scene_fields:
         if key not in _SCENE_FIELDS:

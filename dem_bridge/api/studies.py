@@ -7,20 +7,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
-from dem_bridge.files import check_report_folder
+from dem_bridge.foundation.arguments import check_arguments
+from dem_bridge.foundation.files import check_report_folder
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import scene_of
-from dem_bridge.scene_file.measurement import measurement_of
+from dem_bridge.scene.file import scene_of
+from dem_bridge.scene.file.measurement import measurement_of
+from dem_bridge.scene.scene import Scene
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from dem_bridge.campaign import Progress
-    from dem_bridge.studies.study import Study
+    from dem_bridge.report.study import Study
+    from dem_bridge.runs.campaign import Progress
 
 #: parameters of studies that follow from the other arguments of :func:`study`
 _NOT_SETTINGS = ("scene", "engine", "store", "progress", "measurement")
@@ -87,7 +87,7 @@ def study(
     ('scatter', 0, ['scatter', 'along-the-chain', 'tolerances'])
     """
     check_arguments(study, locals())
-    from dem_bridge.campaign import jobs_of
+    from dem_bridge.runs.campaign import jobs_of
     from dem_bridge.studies.catalogue import study_named
 
     function = study_named(name)

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
-from dem_bridge.files import check_file, write_whole
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import scene_of
+from dem_bridge.foundation.arguments import check_arguments
+from dem_bridge.foundation.files import check_file, write_whole
+from dem_bridge.scene.file import scene_of
+from dem_bridge.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from dem_bridge.exports.table import Table
+    from dem_bridge.formats.tables.table import Table
 
 
 def export(
@@ -82,7 +82,7 @@ def export_table(
     **settings: Any,
 ) -> tuple[Table, str | bytes]:
     """Return a table as data and as :func:`export` returns it, and write it if ``path`` is given."""
-    from dem_bridge.exports.formats import format_for, render
+    from dem_bridge.formats.tables.text import format_for, render
 
     path = None if path is None else Path(path)
     chosen = format_for(format, path, table)
@@ -138,7 +138,7 @@ def table_of(scene: Scene | str | Path, table: str, *, with_run: bool = True, **
     """
     check_arguments(table_of, locals())
     from dem_bridge.api.runs import solve
-    from dem_bridge.exports.tables import table_named
+    from dem_bridge.formats.tables.tables import table_named
 
     build, needs_run, names = table_named(table)
     scene = scene_of(scene)

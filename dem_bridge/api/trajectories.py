@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
-from dem_bridge.files import check_file, write_whole
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene, scene_of, shipped_scenes
-from dem_bridge.trajectory import Trajectory, load_trajectory
+from dem_bridge.foundation.arguments import check_arguments
+from dem_bridge.foundation.files import check_file, write_whole
+from dem_bridge.scene.file import load_scene, scene_of, shipped_scenes
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory, load_trajectory
 
 if TYPE_CHECKING:
-    from dem_bridge.differences import Comparison
+    from dem_bridge.observables.differences import Comparison
 
 
 def write_trajectory(
@@ -62,7 +62,7 @@ def write_trajectory(
     (True, inf)
     """
     check_arguments(write_trajectory, locals())
-    from dem_bridge.exports.trajectories import format_of, text_of
+    from dem_bridge.formats.writers import format_of, text_of
 
     path = Path(path)
     chosen = format_of(path, format)
@@ -129,9 +129,9 @@ def read_trajectory(
     ([0.0, 0.7], 'displacements are relative to the first frame')
     """
     check_arguments(read_trajectory, locals())
-    from dem_bridge.exports.trajectories import SUFFIXES, format_of
-    from dem_bridge.readers.arrays import own_netcdf
-    from dem_bridge.readers.trajectories import read
+    from dem_bridge.formats.readers.arrays import own_netcdf
+    from dem_bridge.formats.readers.trajectories import read
+    from dem_bridge.formats.writers import SUFFIXES, format_of
 
     path = Path(path)
     chosen = format_of(path, format) if format is not None else SUFFIXES.get(path.suffix.lower(), "by content")
@@ -187,7 +187,7 @@ def compare(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -
     ('velocity', True, True)
     """
     check_arguments(compare, locals())
-    from dem_bridge.differences import compare_runs
+    from dem_bridge.observables.differences import compare_runs
 
     return compare_runs(run, reference, tolerance)
 

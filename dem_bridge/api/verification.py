@@ -6,20 +6,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dem_bridge.accuracy import checked_accuracy
-from dem_bridge.arguments import check_arguments
 from dem_bridge.errors import UsageError
-from dem_bridge.files import check_report_folder, write_whole
+from dem_bridge.foundation.arguments import check_arguments
+from dem_bridge.foundation.files import check_report_folder, write_whole
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import scene_of
+from dem_bridge.observables.accuracy import checked_accuracy
+from dem_bridge.scene.file import scene_of
+from dem_bridge.scene.scene import Scene
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from dem_bridge.campaign import Progress
+    from dem_bridge.runs.campaign import Progress
     from dem_bridge.runs.store import Store
-    from dem_bridge.studies.verification import Verification
+    from dem_bridge.verification.verification import Verification
 
 #: the name of all shipped scenes together with the claims that are read from them
 PAPER = "paper"
@@ -91,9 +91,9 @@ def verify(
     (0, 'velocity', 'PASS')
     """
     check_arguments(verify, locals())
-    from dem_bridge.campaign import jobs_of
+    from dem_bridge.runs.campaign import jobs_of
     from dem_bridge.runs.store import Store
-    from dem_bridge.studies.verify import DEFAULT_ACCURACY, verify_scenes
+    from dem_bridge.verification.verify import DEFAULT_ACCURACY, verify_scenes
 
     if scenes is None:
         scenes = [PAPER]
@@ -109,7 +109,7 @@ def verify(
     if folder is not None:
         check_report_folder(Path(folder))
     if bundle is not None:
-        from dem_bridge.report.bundle import check_bundle
+        from dem_bridge.verification.bundle import check_bundle
 
         check_bundle(Path(bundle))
     lammps = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks) or Engine.chosen()
@@ -147,12 +147,10 @@ def write_found(
     """
     if folder is None and bundle is None:
         return
-    from dem_bridge.report.page import study_files
-
-    report = study_files(verification, store)
+    report = verification.page_files(store)
     if folder is not None:
         write_whole(Path(folder), report)
     if bundle is not None:
-        from dem_bridge.report.bundle import write_bundle
+        from dem_bridge.verification.bundle import write_bundle
 
         write_bundle(verification, Path(bundle), report=report, engine=engine, words=words)

@@ -15,16 +15,16 @@ import functools
 import numpy as np
 from scipy.interpolate import PPoly
 
-from dem_bridge import features
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.backends.bca import MOVES_TOWARDS_THE_CHAIN, has_contacts
+from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.physics.adiabatic import LEAST_EXPONENT, MOST_EXPONENT, adiabatic_wave
 from dem_bridge.physics.launch import launched
 from dem_bridge.physics.solitary import wave_shape
-from dem_bridge.scene import Scene
-from dem_bridge.stopwatch import Stopwatch
-from dem_bridge.support import Exponents, Support
-from dem_bridge.trajectory import Cost, Floats, Trajectory
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Exponents, Support
+from dem_bridge.trajectory.trajectory import Cost, Floats, Trajectory
 
 #: points of a force profile from its centre to its end
 PROFILE = 512

@@ -16,15 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge import features, progress
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import Dense, fixed_step_plan, read_off
 from dem_bridge.errors import BackendUnavailable
-from dem_bridge.scene import Scene
-from dem_bridge.stopwatch import Stopwatch
-from dem_bridge.support import Support
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.foundation import progress
+from dem_bridge.foundation.stopwatch import Stopwatch
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Support
+from dem_bridge.trajectory.trajectory import Trajectory
 
 
 class AseVerlet:

@@ -5,7 +5,7 @@ A backend
 2. says whether it can run here, with the reason and the remedy if not (``availability``),
 3. declares which scenes it supports (``supports``): what it does not list there is refused before anything runs,
 4. turns a Scene, a Resolution and a Sampling into a Trajectory (``run``); its uncertainty is estimated elsewhere
-   (:mod:`dem_bridge.uncertainty`),
+   (:mod:`dem_bridge.runs.uncertainty`),
 5. never changes the scene, never repairs a run; raises RunBroken if one fails.
 
 Adding one: docs/inherit.md.
@@ -24,14 +24,14 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.arguments import is_number
 from dem_bridge.backends.catalogue import BACKENDS as BACKENDS
 from dem_bridge.backends.catalogue import ENGINE_BACKENDS as ENGINE_BACKENDS
 from dem_bridge.errors import UsageError, shown
-from dem_bridge.restitution import impact_facts
-from dem_bridge.scene import Scene
-from dem_bridge.support import Support
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.foundation.arguments import is_number
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Support
+from dem_bridge.trajectory.restitution import impact_facts
+from dem_bridge.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dem_bridge.lmp.engine import Engine

@@ -12,13 +12,13 @@ import math
 
 import numpy as np
 
-from dem_bridge import features
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
+from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.scene import Scene
-from dem_bridge.stopwatch import Stopwatch
-from dem_bridge.support import Condition, Support
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Condition, Support
+from dem_bridge.trajectory.trajectory import Cost, Trajectory
 
 MOVES_TOWARDS_THE_CHAIN = Condition(
     "body 0 moves towards the chain at the start",

@@ -14,14 +14,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge import features
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling
 from dem_bridge.backends.splitting import Method, solve
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.scene import Scene
-from dem_bridge.support import Support
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Support
+from dem_bridge.trajectory.trajectory import Trajectory
 
 _B1, _B2, _B3 = 0.0829844064174052, 0.396309801498368, -0.0390563049223486
 _A1, _A2 = 0.245298957184271, 0.604872665711080

@@ -18,7 +18,7 @@ class Entry(NamedTuple):
     method: str
     purpose: str
     uncertainty: str = ""
-    """The module of the family or rule from which its uncertainty follows; '': its runs state theirs."""
+    """The rule from which its uncertainty follows, a module of ``runs/uncertainty``; '': its runs state theirs."""
 
 
 _FILE = Path(__file__).with_name("catalogue.json")

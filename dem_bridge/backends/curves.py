@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.compiled import kernel
-from dem_bridge.contacts import Contacts, Floats
-from dem_bridge.scene import Scene
+from dem_bridge.foundation.compiled import kernel
+from dem_bridge.scene.contacts import Contacts, Floats
+from dem_bridge.scene.scene import Scene
 
 #: cells of a law; half as many tell what that costs
 CELLS = 16_384

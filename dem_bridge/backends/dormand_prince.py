@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.compiled import kernel
+from dem_bridge.foundation.compiled import kernel
 
 #: weights of the earlier stages in each stage; the last row is the step itself (order 5)
 STAGES = np.array(

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.compiled import kernel
-from dem_bridge.scene import Scene
+from dem_bridge.foundation.compiled import kernel
+from dem_bridge.scene.scene import Scene
 
 
 class Driven(NamedTuple):
-    """A :class:`~dem_bridge.drive.Drive` as kernels take it; of a wave all but the last two, of a table these."""
+    """A :class:`~dem_bridge.scene.drive.Drive` as kernels take it; of a wave all but the last two, of a table these."""
 
     amplitude: float = 0.0
     """N."""

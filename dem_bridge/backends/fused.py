@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.compiled import kernel
-from dem_bridge.dense import may_turn
+from dem_bridge.foundation.compiled import kernel
+from dem_bridge.trajectory.dense import may_turn
 
 #: bodies that are worked on come in such blocks, so that no loop has a remainder
 BLOCK = 16

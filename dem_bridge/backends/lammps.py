@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge import progress
 from dem_bridge.backends.base import Availability, Resolution, Sampling, unsupported_reason
 from dem_bridge.backends.lammps_output import (
     checked_values,
@@ -28,15 +27,16 @@ from dem_bridge.backends.tabled import (
     tables_for,
 )
 from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
+from dem_bridge.foundation import progress
+from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE, TABLE_STYLE
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of, positions
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.pairing import TableSet
 from dem_bridge.lmp.process import check_room, loading_worker, require, run_deck, workspace
-from dem_bridge.scene import Scene
-from dem_bridge.stopwatch import Stopwatch
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True, kw_only=True)

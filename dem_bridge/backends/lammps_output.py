@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge import progress
 from dem_bridge.backends.steps import Dense
 from dem_bridge.errors import RunBroken
+from dem_bridge.foundation import progress
 from dem_bridge.lmp.coefficients import line_order
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_of
 from dem_bridge.lmp.process import EngineReport
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 
 def checked_values(deck: Deck, steps: NDArray[np.int64], values: NDArray[np.float64]) -> None:

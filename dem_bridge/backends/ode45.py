@@ -12,16 +12,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge import features
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.backends.dormand_prince import STEP_TOO_SMALL, TOO_MANY_STEPS, integrate
 from dem_bridge.backends.scales import natural_scales
-from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
-from dem_bridge.scene import Scene
-from dem_bridge.stopwatch import Stopwatch
-from dem_bridge.support import Support
-from dem_bridge.trajectory import VOCABULARY, Cost, Trajectory
+from dem_bridge.foundation.compiled import interruptible
+from dem_bridge.foundation.stopwatch import Stopwatch
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Support
+from dem_bridge.trajectory.trajectory import VOCABULARY, Cost, Trajectory
 
 #: those of MATLAB: RelTol, and AbsTol in m and m/s
 DEFAULT_RTOL, DEFAULT_ATOL = 1e-3, 1e-6

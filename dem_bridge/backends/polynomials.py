@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.compiled import kernel
+from dem_bridge.foundation.compiled import kernel
 
 #: pieces of a step that are looked at for a turning point of their own; the first is halved so many times where the
 #: closing rate is exactly 0 at the start: what it does then may be round-off, and a turning point follow at once

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.splitting import FUSED, line_of, places_of
-from dem_bridge.compiled import interruptible, kernel
-from dem_bridge.dense import Schedule
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.scene import Scene
+from dem_bridge.foundation.compiled import interruptible, kernel
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.dense import Schedule
 
 _WIDE, _NARROW = np.float64, np.float32
 #: mode -> types of positions and velocities, of the positions that are subtracted, of the law, of the sum of forces

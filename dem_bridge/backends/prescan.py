@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.driven import driven_of, driving_force, rate_of
-from dem_bridge.compiled import interruptible, kernel
 from dem_bridge.errors import RunBroken
-from dem_bridge.scene import Scene
+from dem_bridge.foundation.compiled import interruptible, kernel
+from dem_bridge.scene.scene import Scene
 
 #: gauge radius over the largest overlap, at least
 SURROGATE_MARGIN = 1.25

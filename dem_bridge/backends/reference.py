@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge import features
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.backends.scales import (
     in_common_frame,
@@ -25,12 +24,13 @@ from dem_bridge.backends.scales import (
 )
 from dem_bridge.backends.scipy_dop853 import ScipyDop853
 from dem_bridge.backends.taylor import integrate
-from dem_bridge.compiled import interruptible
 from dem_bridge.errors import RunBroken
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.stopwatch import Stopwatch
-from dem_bridge.support import Exponents, Support
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.foundation.compiled import interruptible
+from dem_bridge.foundation.stopwatch import Stopwatch
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.scene.support import Exponents, Support
+from dem_bridge.trajectory.trajectory import Cost, Trajectory
 
 #: order of the series and what its last coefficients may contribute; 28 and 1e-16 are the fastest of 20..28 and
 #: 1e-16..1e-18 that reach 1e-13 on the paper's chains

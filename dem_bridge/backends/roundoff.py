@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.dense import Schedule
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.dense import Schedule
 
 
 def roundoff_floor(scene: Scene, plan: Schedule, radius: float) -> float:

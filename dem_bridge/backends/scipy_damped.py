@@ -27,7 +27,7 @@ from dem_bridge.backends.scales import UNFELT, natural_scales
 from dem_bridge.backends.scipy_integration import Integration, Step, put_on_its_side, root_of
 from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, SLACK, Floats
 from dem_bridge.errors import RunBroken
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 #: fractions of a step at which forces and overlaps are evaluated. The two next to the ends tell whether a force still
 #: rises there; a maximum between them and the end is missed by (1e-6)^2 of it

@@ -6,14 +6,14 @@ with the twin.
 
 from __future__ import annotations
 
-from dem_bridge import features
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.backends.scales import in_common_frame, in_rest_frame
 from dem_bridge.errors import UsageError
-from dem_bridge.scene import Scene
-from dem_bridge.stopwatch import Stopwatch
-from dem_bridge.support import Support
-from dem_bridge.trajectory import VOCABULARY, Cost, Trajectory
+from dem_bridge.foundation.stopwatch import Stopwatch
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Support
+from dem_bridge.trajectory.trajectory import VOCABULARY, Cost, Trajectory
 
 #: local tolerance, near the smallest that DOP853 takes (100 eps)
 DEFAULT_RTOL = 3e-14

@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
-from dem_bridge import progress
 from dem_bridge.backends import scipy_kernels as kernels
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.scales import natural_scales, resting_acceleration, resting_speed, unfelt_overlap
 from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, Floats
 from dem_bridge.errors import RunBroken
-from dem_bridge.scene import Scene
+from dem_bridge.foundation import progress
+from dem_bridge.scene.scene import Scene
 
 #: absolute tolerance as a fraction of rtol times the scale: re-collisions a thousand times slower than the impact
 #: keep their digits. 1e-2 is 30 times worse on the decelerating chain, 1e-6 no better and 25 % dearer.

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.compiled import kernel
-from dem_bridge.scene import Scene
+from dem_bridge.foundation.compiled import kernel
+from dem_bridge.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 

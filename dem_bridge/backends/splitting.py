@@ -12,20 +12,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge import features
 from dem_bridge.backends.base import Named
 from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.driven import driven_of, driving_force
 from dem_bridge.backends.fused import PADDING, advance
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.steps import Dense, check_finite, read_off, touching_in_flight
-from dem_bridge.compiled import interruptible, kernel
-from dem_bridge.dense import Schedule, Turns, at_turns
+from dem_bridge.foundation.compiled import interruptible, kernel
+from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.lmp.cell import pair_force
-from dem_bridge.scene import Scene
-from dem_bridge.stopwatch import Stopwatch
-from dem_bridge.support import Support
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Support
+from dem_bridge.trajectory.dense import Schedule, Turns, at_turns
+from dem_bridge.trajectory.trajectory import Trajectory
 
 #: radius of the bodies, m, or that of each along their line, walls included
 Radius = float | NDArray[np.float64]

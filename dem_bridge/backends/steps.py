@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from dem_bridge.backends.base import Named, Resolution, Sampling, run_provenance
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scales import resting_acceleration
-from dem_bridge.dense import Schedule, damped_peaks, extremes, schedule
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.scene import Scene
-from dem_bridge.stopwatch import Stopwatch
-from dem_bridge.trajectory import Cost, Floats, Trajectory
+from dem_bridge.foundation.stopwatch import Stopwatch
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.dense import Schedule, damped_peaks, extremes, schedule
+from dem_bridge.trajectory.trajectory import Cost, Floats, Trajectory
 
 #: default step: the next of the 1-2-5 series below this fraction of 1/omega of the stiffest contact
 DEFAULT_PHASE = 2.5e-3

@@ -20,13 +20,13 @@ from dem_bridge.backends.prescan import Prescan, prescan_hertz
 from dem_bridge.backends.splitting import Tables
 from dem_bridge.backends.steps import Dense, radius_of
 from dem_bridge.backends.twin import solve_dense
-from dem_bridge.dense import Schedule, schedule
 from dem_bridge.lmp.coefficients import laws, line_order, pairs
 from dem_bridge.lmp.encoding import body_types
 from dem_bridge.lmp.interpolation import interpolated, interpolation_error
 from dem_bridge.lmp.pairing import MARGIN, TableSet, table_set
 from dem_bridge.lmp.table import LINES, Style
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.dense import Schedule, schedule
 
 #: prescans that a store has kept, by the content hash of their scene
 RECALLED: dict[str, Prescan] = {}

@@ -21,7 +21,7 @@ from heapq import heappop, heappush
 import numpy as np
 
 from dem_bridge.backends.polynomials import MOST_TURNS, root, swing, turning_points, value
-from dem_bridge.compiled import kernel
+from dem_bridge.foundation.compiled import kernel
 
 #: coefficients looked at for the length of a step: by symmetry some may vanish
 _TAIL = 5

@@ -13,9 +13,9 @@ from dem_bridge.backends import splitting
 from dem_bridge.backends.curves import CELLS
 from dem_bridge.backends.splitting import EXACT, Method, Radius, Tables
 from dem_bridge.backends.steps import Dense
-from dem_bridge.dense import Schedule
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.dense import Schedule
+from dem_bridge.trajectory.trajectory import Trajectory
 
 
 class TWIN:

@@ -13,8 +13,8 @@ from dem_bridge.cli.options import check_new, with_options
 from dem_bridge.errors import UsageError
 
 if TYPE_CHECKING:
-    from dem_bridge.differences import Difference
-    from dem_bridge.trajectory import Trajectory
+    from dem_bridge.observables.differences import Difference
+    from dem_bridge.trajectory.trajectory import Trajectory
 
 
 def _read(path: Path, scene: str | None, settings: dict[str, Any]) -> Trajectory:
@@ -55,7 +55,7 @@ def compare(
     A file may be given as FILE@DT, with the time step of its run in s. The output has the largest difference of each
     quantity, relative to B, and time and body of the first divergence.
     """
-    from dem_bridge.readers.source import with_step
+    from dem_bridge.formats.readers.source import with_step
 
     pairs = [with_step(file) for file in (first, second)]
     runs = [_read(path, scene, settings if step is None else settings | {"dt": step}) for path, step in pairs]

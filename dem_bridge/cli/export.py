@@ -26,7 +26,7 @@ def export(
     The tables have contacts, bodies, LAMMPS coefficients, results of a run, or contact angles.
     """
     from dem_bridge.api.tables import export_table
-    from dem_bridge.exports.formats import format_for
+    from dem_bridge.formats.tables.text import format_for
 
     if output is not None:
         check_output(scene, output, force)

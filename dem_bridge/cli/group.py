@@ -30,10 +30,10 @@ from dem_bridge.cli.regress import regress
 from dem_bridge.cli.store import store_group
 from dem_bridge.cli.studies import study as study_group
 from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene, UsageError, one_line
-from dem_bridge.files import FILES_BELOW, write_whole
+from dem_bridge.foundation.files import FILES_BELOW, write_whole
 
 if TYPE_CHECKING:
-    from dem_bridge.trajectory import Trajectory
+    from dem_bridge.trajectory.trajectory import Trajectory
 
 
 #: exit code if the reader of the output ended, as of a program that SIGPIPE stops
@@ -178,7 +178,7 @@ def verify(
     if json_file is not None:
         write_whole(json_file.parent, {json_file.name: (folder / "verdicts.json").read_text(encoding="utf-8")})
     if junit_file is not None:
-        from dem_bridge.report.junit import junit
+        from dem_bridge.verification.junit import junit
 
         write_whole(junit_file.parent, {junit_file.name: junit(verification.verdicts)})
     for study in verification.studies:
@@ -213,7 +213,7 @@ def doctor(as_json: bool, **settings: Any) -> None:
 
     The exit code is 3 if a run with default settings is not possible.
     """
-    from dem_bridge.doctor import examine
+    from dem_bridge.cli.doctor import examine
     from dem_bridge.lmp.engine import Engine
 
     findings = examine(Engine.chosen(**settings))

@@ -10,10 +10,10 @@ import click
 
 import dem_bridge
 from dem_bridge.cli.options import check_new, with_options
-from dem_bridge.files import text_of_file, write_whole
+from dem_bridge.foundation.files import text_of_file, write_whole
 
 if TYPE_CHECKING:
-    from dem_bridge.scene import Scene
+    from dem_bridge.scene.scene import Scene
 
 
 @with_options("import deck")
@@ -50,7 +50,7 @@ import_group = click.Group("import", [deck, csv], help="Convert CSV tables or a 
 
 def _write_scene(scene: Scene, output: Path, notes: Iterable[str], step: float = 0.0) -> None:
     """Write the scene file and print a summary of the scene; ``step`` is the time step of the script, s."""
-    from dem_bridge.scene_file.text import scene_toml
+    from dem_bridge.scene.file.text import scene_toml
 
     write_whole(output.parent, {output.name: scene_toml(scene)})
     for note in notes:

@@ -11,7 +11,7 @@ import click
 import dem_bridge
 from dem_bridge.cli.options import print_json, with_options
 from dem_bridge.errors import UsageError
-from dem_bridge.files import check_report_folder
+from dem_bridge.foundation.files import check_report_folder
 
 
 @with_options("judge")

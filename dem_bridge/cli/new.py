@@ -11,7 +11,7 @@ import click
 
 from dem_bridge.cli.options import check_new, with_options
 from dem_bridge.errors import UsageError
-from dem_bridge.files import write_whole
+from dem_bridge.foundation.files import write_whole
 
 #: forms of a scene file with their use; templates have the same names
 FORMS = {
@@ -37,9 +37,11 @@ _MEASUREMENT = """
 
 def template(form: str, name: str) -> str:
     """Return the scene file of a form (a key of FORMS) with the scene's name ``name``."""
-    from dem_bridge.scene_file.forms import Environment
+    from dem_bridge.scene.file.forms import Environment
 
-    text = resources.files("dem_bridge").joinpath("scene_file", "templates", f"{form}.toml").read_text(encoding="utf-8")
+    text = (
+        resources.files("dem_bridge").joinpath("scene", "file", "templates", f"{form}.toml").read_text(encoding="utf-8")
+    )
     head, *keys = Environment.template_lines()
     text = text.replace(f'"{_NAME}"', f'"{name}"', 1).replace(head, "\n".join([head, *keys]))
     return text + _MEASUREMENT

@@ -18,10 +18,10 @@ import click
 
 from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.errors import UsageError
-from dem_bridge.files import check_file
+from dem_bridge.foundation.files import check_file
 
 if TYPE_CHECKING:
-    from dem_bridge.scene import Wall
+    from dem_bridge.scene.scene import Wall
 
 
 def scene_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
@@ -103,7 +103,7 @@ class _Cluster(click.ParamType[Any]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the executor of the cluster."""
-        from dem_bridge.cluster import connected
+        from dem_bridge.runs.campaign.cluster import connected
 
         return ctx.with_resource(connected(value)) if ctx is not None and isinstance(value, str) else value
 

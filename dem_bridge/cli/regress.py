@@ -13,7 +13,7 @@ import click
 from dem_bridge.cli import terminal
 from dem_bridge.cli.options import check_new, with_options
 from dem_bridge.errors import DemBridgeError, UsageError
-from dem_bridge.files import text_of_file, write_whole
+from dem_bridge.foundation.files import text_of_file, write_whole
 
 #: exit code with which git bisect skips a commit
 SKIP = 125
@@ -65,8 +65,8 @@ def _regress(
     settings |= {"backends": chosen, "baselines": baselines, "against": against, "since": past}
     with terminal.bar(json_progress) as progress:
         regression = dem_bridge.regress(list(scenes), progress=progress, **settings)
-    from dem_bridge.report.junit import regression_junit
-    from dem_bridge.report.regressions import lines, markdown
+    from dem_bridge.verification.junit import regression_junit
+    from dem_bridge.verification.regression.shown import lines, markdown
 
     if against is not None:
         click.echo(regression.title)

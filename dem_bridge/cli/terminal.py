@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dem_bridge.planning.answer import Plan
-    from dem_bridge.progress import Campaign
-    from dem_bridge.scene import Scene
-    from dem_bridge.studies.study import Study, Table
+    from dem_bridge.foundation.progress import Campaign
+    from dem_bridge.report.study import Study, Table
+    from dem_bridge.runs.planning.answer import Plan
+    from dem_bridge.scene.scene import Scene
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
 #: rows of all tables together that are printed on a terminal
@@ -224,7 +224,7 @@ def bar(as_json: bool = False) -> Iterator[Callable[[float, int, str], None] | N
 @contextmanager
 def _metered(meter: _Meter) -> Iterator[Callable[[float, int, str], None]]:
     """Let a meter watch all campaigns, and yield its callback."""
-    from dem_bridge.progress import watching
+    from dem_bridge.foundation.progress import watching
 
     with watching(meter.watch):
         yield meter.advance
@@ -238,7 +238,7 @@ def _print_state(meter: _Meter) -> None:
 @contextmanager
 def ending_in_order() -> Iterator[None]:
     """Let a first Ctrl-C end a campaign when the runs that have begun are done; a second stops at once."""
-    from dem_bridge.progress import request_stop, withdraw_stop
+    from dem_bridge.foundation.progress import request_stop, withdraw_stop
 
     def interrupt(*_: object) -> None:
         if not request_stop():
@@ -259,7 +259,7 @@ def ending_in_order() -> Iterator[None]:
 @contextmanager
 def fraction(label: str) -> Iterator[None]:
     """Show the progress of one run, as :func:`bar`."""
-    from dem_bridge.progress import listening
+    from dem_bridge.foundation.progress import listening
 
     with bar() as progress:
         if progress is None:

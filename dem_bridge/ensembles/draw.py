@@ -17,9 +17,9 @@ from numpy.polynomial import Chebyshev
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.geometry import Body, Geometry
 from dem_bridge.physics.contact import Floats
-from dem_bridge.scene import Scene
+from dem_bridge.scene.geometry import Body, Geometry
+from dem_bridge.scene.scene import Scene
 
 #: chains that are drawn and solved together
 BLOCK = 512

@@ -16,9 +16,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.compiled import kernel
-from dem_bridge.dense import first_turn, may_turn, quintic
 from dem_bridge.ensembles.touch import law_power, touch_defect
+from dem_bridge.foundation.compiled import kernel
+from dem_bridge.trajectory.dense import first_turn, may_turn, quintic
 
 #: chains in a group; eight doubles fill one vector of AVX-512 and two of AVX2
 LANES = 8

@@ -13,7 +13,7 @@ from dem_bridge.ensembles.draw import Variation
 from dem_bridge.ensembles.solve import OBSERVABLES
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.registry import OBSERVABLES as REGISTRY
-from dem_bridge.trajectory import Floats
+from dem_bridge.trajectory.trajectory import Floats
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -18,17 +18,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Away, Progress, Result, for_workers, run_cases, workers_of
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.result import Ensemble
 from dem_bridge.ensembles.solve import OBSERVABLES, check_solvable, difference, solve_chains, steps_for
 from dem_bridge.errors import DemBridgeError, RunBroken, UsageError
-from dem_bridge.leftovers import owned
+from dem_bridge.foundation.leftovers import owned
 from dem_bridge.observables.registry import observable_named
+from dem_bridge.runs.campaign import Away, Progress, Result, for_workers, run_cases, workers_of
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, own_scale
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, own_scale
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -18,12 +18,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.campaign import Progress, for_workers
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.run import PILOT, pool_of
 from dem_bridge.ensembles.solve import check_solvable, solve_chains, steps_for
 from dem_bridge.errors import UsageError
-from dem_bridge.trajectory import Floats
+from dem_bridge.runs.campaign import Progress, for_workers
+from dem_bridge.trajectory.trajectory import Floats
 
 #: part of an index's interval, and least probability that the leading numbers contain the one of the largest index
 CONFIDENCE = 0.95

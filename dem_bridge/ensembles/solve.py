@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from dem_bridge import features
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.scales import resting_acceleration
@@ -17,9 +16,10 @@ from dem_bridge.ensembles.lanes import LANES, march
 from dem_bridge.ensembles.touch import jacobi_rules
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.physics.statics import static_forces
-from dem_bridge.scene import Scene
-from dem_bridge.support import Support
-from dem_bridge.trajectory import Floats, own_scale
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Support
+from dem_bridge.trajectory.trajectory import Floats, own_scale
 
 #: scenes whose chains can be solved in lanes
 LANED = Support(

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.compiled import kernel
-from dem_bridge.trajectory import Floats
+from dem_bridge.foundation.compiled import kernel
+from dem_bridge.trajectory.trajectory import Floats
 
 #: nodes of the rule; more change nothing at steps up to 1/omega
 _NODES = 4

@@ -13,20 +13,20 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_reason
 from dem_bridge.errors import DemBridgeError, UsageError
+from dem_bridge.formats.readers import Record, read_record
+from dem_bridge.foundation.notebook import quantity as amount
 from dem_bridge.judging.deck import DeckRun, deck_run
 from dem_bridge.judging.foreign import TIME_LIMIT, Command, ForeignRun, default_steps, foreign_runs
 from dem_bridge.judging.judgement import Addition, Judgement, judge_records
 from dem_bridge.judging.limits import deck_limits
 from dem_bridge.judging.reference import reference_at
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.notebook import quantity as amount
-from dem_bridge.readers import Record, read_record
+from dem_bridge.report.study import FigureData, Series
+from dem_bridge.report.texts import Texts
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
-from dem_bridge.studies.study import FigureData, Series
-from dem_bridge.studies.texts import Texts
+from dem_bridge.scene.scene import Scene
 
-TEXTS = Texts("judge")
+TEXTS = Texts("judge", "dem_bridge.judging")
 #: codes that run beside a foreign one, with their names on the page and their styles of drawing
 BESIDE = {"verlet": ("our twin", "curve/verlet"), "lammps-granular": ("LAMMPS", "curve/lammps-granular")}
 
@@ -54,7 +54,7 @@ def judge_command(
 ) -> Judgement:
     """Run a foreign code over a series of time steps, and judge it beside our twin and LAMMPS at the same steps.
 
-    ``reading`` are the keywords of :func:`~dem_bridge.readers.read_record`.
+    ``reading`` are the keywords of :func:`~dem_bridge.formats.readers.read_record`.
     """
     parsed = Command.of(command)
     with foreign_runs(parsed, scene, default_steps(scene) if steps is None else steps, time_limit=time_limit) as runs:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.formats.readers.record import Record
 from dem_bridge.judging.fitting import DECISION, Fit
 from dem_bridge.judging.hypotheses import Hypothesis, Variant, equal_radii, uniform_name
 from dem_bridge.judging.samples import WORDS, sample_hypotheses
@@ -16,8 +17,7 @@ from dem_bridge.judging.search import Search
 from dem_bridge.judging.single import on_single_grid
 from dem_bridge.judging.stated import Statement, statements, variant_of
 from dem_bridge.judging.step import StepError, step_error
-from dem_bridge.readers.record import Record
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 

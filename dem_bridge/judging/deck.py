@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.errors import BlockedScript, RunBroken, SceneError, UsageError
-from dem_bridge.files import MOST_BYTES, opened, text_of_file
+from dem_bridge.foundation.files import MOST_BYTES, opened, text_of_file
 from dem_bridge.judging.stated import of_any_contact
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.opening import files_of
@@ -25,7 +25,7 @@ from dem_bridge.lmp.process import run_deck, workspace
 from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.scene import ReadDeck, read_deck
 from dem_bridge.lmp.reader.script import Command, Script, given_variables
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 #: the added dump, and its file
 _DUMP, _FILE = "dem_bridge", "dem_bridge.dump"

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.formats.readers import Record
 from dem_bridge.judging.reference import UNITS, ReferenceSamples, reference_at
-from dem_bridge.readers import Record
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,11 +19,11 @@ from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.files import write_whole
+from dem_bridge.foundation.files import write_whole
 from dem_bridge.lmp.child import run_program
 from dem_bridge.lmp.process import workspace
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file.text import scene_json, scene_toml
+from dem_bridge.scene.file.text import scene_json, scene_toml
+from dem_bridge.scene.scene import Scene
 
 #: default time steps: the largest is this part of 1/omega of the stiffest contact, each other half of the one before
 FIRST, HALVINGS = 0.04, 4
@@ -112,7 +112,7 @@ def default_steps(scene: Scene) -> tuple[float, ...]:
 
     Examples
     --------
-    >>> from dem_bridge.scene_file import load_scene
+    >>> from dem_bridge.scene.file import load_scene
     >>> [f"{dt:.3g}" for dt in default_steps(load_scene("decelerating-40"))]
     ['2.14e-07', '1.07e-07', '5.36e-08', '2.68e-08']
     """

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.judging.model import Model, System, system_of
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 

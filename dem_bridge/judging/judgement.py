@@ -5,23 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from dem_bridge.errors import UsageError
+from dem_bridge.formats.readers import Record
 from dem_bridge.judging.cause import Diagnosis, diagnose
 from dem_bridge.judging.error import FileErrors, QuantityErrors, file_errors
 from dem_bridge.judging.order import Convergence, convergence
 from dem_bridge.judging.reference import UNITS
-from dem_bridge.readers import Record
-from dem_bridge.scene import Scene
-from dem_bridge.verification.verdict import Outcome, exit_code, judge, plain
+from dem_bridge.observables.verdict import Outcome, exit_code, judge, plain
+from dem_bridge.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from dem_bridge.studies.study import FigureData, Study, Table
+    from dem_bridge.report.study import FigureData, Study, Table
 
 #: keys of a judgement, in their order
 KEYS = (
@@ -196,15 +195,18 @@ class Judgement(Mapping[str, Any]):
     @property
     def study(self) -> Study:
         """The judgement as a study: sentences, tables, figures and verdicts of its page."""
-        # by name, because the texts are built on judgements
-        return cast("Study", import_module("dem_bridge.judging.shown").judgement_study(self))
+        from dem_bridge.judging.shown import judgement_study  # it is built on judgements
+
+        return judgement_study(self)
 
     def save(self, folder: str | Path) -> None:
         """Write the page, ``verdicts.json``, tables and figures into ``folder``, which is created if need be."""
         self.study.save(folder)
 
     def __repr__(self) -> str:
-        return "\n".join(f"{name:13} {text}" for name, text in import_module("dem_bridge.judging.shown").lines(self))
+        from dem_bridge.judging.shown import lines  # they are built on judgements
+
+        return "\n".join(f"{name:13} {text}" for name, text in lines(self))
 
     def _repr_html_(self) -> str:
         return self.study._repr_html_()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.backends.driven import driving_force
-from dem_bridge.compiled import kernel
+from dem_bridge.foundation.compiled import kernel
 
 #: fixed-step methods: velocity Verlet, leapfrog that starts with a drift, symplectic Euler that starts with a kick or
 #: with a drift, explicit Euler, and the classical Runge-Kutta method of order 4

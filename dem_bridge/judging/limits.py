@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.checked import whole_number
 from dem_bridge.errors import DemBridgeError
+from dem_bridge.foundation.checked import whole_number
 from dem_bridge.judging.deck import DeckRun, UserDeck, differences
 from dem_bridge.judging.error import FileErrors
 from dem_bridge.judging.stated import changed
@@ -21,8 +21,8 @@ from dem_bridge.lmp.known_defects import defects_of
 from dem_bridge.lmp.mixing import mixing_warning
 from dem_bridge.lmp.reader.deck import UNITS
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats
 
 #: significant digits of LAMMPS' text dumps without a format
 _DIGITS = 6

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dem_bridge.backends.driven import Driven, driven_of
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.judging import kernels
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.accuracy import observed_order
 from dem_bridge.errors import UsageError
 from dem_bridge.judging.error import FileErrors, QuantityErrors
-from dem_bridge.trajectory import Floats
+from dem_bridge.observables.accuracy import observed_order
+from dem_bridge.trajectory.trajectory import Floats
 
 #: multiple of what digits and reference explain above which an error counts for the order: a tenth of it at most is
 #: then another's, which changes an order from a step and its half by 0.15 at most

@@ -14,9 +14,9 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.forces import contact_force_uncertainty
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats
-from dem_bridge.uncertainty.estimate import solve
+from dem_bridge.runs.uncertainty.estimate import solve
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats
 
 #: quantities of a file that can be judged, with their units
 UNITS: Mapping[str, str] = MappingProxyType({"velocity": "m/s", "displacement": "m", "contact_force": "N"})

@@ -18,7 +18,7 @@ from dem_bridge.judging.fitting import DECISION, SEARCH, Data, Fit, Fitter, leas
 from dem_bridge.judging.hypotheses import LOG_STARTS, Changes, Hypothesis, Variant, global_hypotheses
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.samples import half_steps, sample_hypotheses
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 

@@ -11,14 +11,14 @@ import numpy as np
 
 from dem_bridge.backends.base import versions_of
 from dem_bridge.backends.reference import SERIES
+from dem_bridge.foundation.notebook import quantity as amount
 from dem_bridge.judging.error import FileErrors, QuantityErrors
 from dem_bridge.judging.judgement import Judgement
-from dem_bridge.notebook import quantity as amount
-from dem_bridge.studies.study import FigureData, Map, Panel, Series, Study, Table
-from dem_bridge.studies.texts import Texts
-from dem_bridge.verification.verdict import Outcome, Verdict
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.study import FigureData, Map, Panel, Series, Study, Table
+from dem_bridge.report.texts import Texts
 
-TEXTS = Texts("judge")
+TEXTS = Texts("judge", "dem_bridge.judging")
 #: words for quantities in a sentence
 WORDS = {"velocity": "velocities", "displacement": "displacements", "contact_force": "contact forces"}
 #: largest distance of an observed order from a whole number that counts as this order, beside its uncertainty

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.errors import DemBridgeError
+from dem_bridge.formats.readers.record import Record
 from dem_bridge.judging.hypotheses import Variant, stiffness_patterns, uniform_name
 from dem_bridge.judging.model import system_of
-from dem_bridge.readers.record import Record
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Floats
 
 #: largest relative difference of factors on stiffnesses that are equal, or have one pattern
 SAME = 1e-6

@@ -6,7 +6,7 @@ calls it, does not depend on the construction of tables.
 
 from __future__ import annotations
 
-from dem_bridge.compiled import kernel
+from dem_bridge.foundation.compiled import kernel
 
 
 @kernel(nogil=False)

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from dem_bridge.leftovers import SHARED_MEMORY
+from dem_bridge.foundation.leftovers import SHARED_MEMORY
 
 PARENT_DEATH_GUARD = Path(__file__).with_name("parent_death_guard.py")
 #: interval between two checks of the child's state, s, and number of checks between two calls of the caller's function

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge import features
 from dem_bridge.physics.law import ContactLaw, power_law
-from dem_bridge.scene import Scene
-from dem_bridge.support import Condition, Exponents, Support, labels
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Condition, Exponents, Support, labels
 
 #: force ~ overlap^(n-1) -> LAMMPS' normal model
 MODELS = {2.0: "hooke", 2.5: "hertz"}

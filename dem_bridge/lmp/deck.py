@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.dense import Schedule
 from dem_bridge.lmp.coefficients import BY_EFFECTIVE_MASS, GRANULAR_STYLE, TABLE_STYLE, laws, line_order, pairs
 from dem_bridge.lmp.driving import drive_file, drive_variables
 from dem_bridge.lmp.encoding import body_types
 from dem_bridge.lmp.pairing import TableSet, granular, tabled
 from dem_bridge.physics.contact import Floats
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.version import FORM_DATE, __version__
 
 _TEMPLATE = Path(__file__).with_name("deck.template")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from dem_bridge.drive import Drive
+from dem_bridge.scene.drive import Drive
 
 #: time, s, as a formula
 _TIME = "(step*v_dt)"

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from dem_bridge.arguments import is_path
 from dem_bridge.errors import BackendUnavailable, UsageError, shown
+from dem_bridge.foundation.arguments import is_path
 
 #: environment variable with the path of a binary, used if neither ``lmp`` nor ``python`` is given
 VARIABLE = "DEM_BRIDGE_LMP"

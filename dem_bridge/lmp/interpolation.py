@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dem_bridge.compiled import kernel
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.compiled import kernel
 from dem_bridge.lmp.cell import pair_force
 from dem_bridge.lmp.table import ContactTable, Style, finds_all_cells
 from dem_bridge.physics.contact import Floats

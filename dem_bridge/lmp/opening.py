@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from dem_bridge.files import named_file, text_of_file
+from dem_bridge.foundation.files import named_file, text_of_file
 
 _STYLES = "index|loop|string|equal|atom|atomfile|format|internal|delete|universe|world|uloop|getenv|file|vector"
 #: a line that begins as a command of LAMMPS
@@ -35,8 +35,8 @@ def files_of(folder: Path, files_below: str | Path | None = None) -> Callable[[s
     """Return a function that returns the text of a file by its name in a script of a folder.
 
     The function raises OSError, with the reason as ``strerror``, for a file that is not below ``files_below`` (as in
-    :func:`dem_bridge.files.named_file`), and for one that is neither a script nor data nor numbers, so that no message
-    quotes its lines.
+    :func:`dem_bridge.foundation.files.named_file`), and for one that is neither a script nor data nor numbers, so that
+    no message quotes its lines.
     """
 
     def text_of(name: str) -> str:

@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory, gettempdir
 from typing import Any
 
 from dem_bridge.errors import BackendUnavailable, RunBroken
-from dem_bridge.leftovers import owned, sweep_temporary
+from dem_bridge.foundation.leftovers import owned, sweep_temporary
 from dem_bridge.lmp import log
 from dem_bridge.lmp.child import PARENT_DEATH_GUARD, Ended, now, sweep_shared_memory, wait
 from dem_bridge.lmp.engine import STYLES, Build, Engine, lacks, remedy

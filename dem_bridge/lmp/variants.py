@@ -19,7 +19,7 @@ from dem_bridge.errors import UnsupportedScene
 from dem_bridge.lmp.coefficients import coefficients, damping_model, line_order
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.radii import encoded_radii
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 #: classic styles of walls -> exponent n
 CLASSIC = MappingProxyType({"hooke": 2.0, "hooke/history": 2.0, "hertz/history": 2.5})

@@ -22,8 +22,8 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.interpolate import spacing
 from dem_bridge.observables.modes import tangent_stiffness
 from dem_bridge.physics.dispersion import Cell
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: relative difference below which two neighbours count as equal
 ALIKE = 1e-9

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.observables.interpolate import acceleration, contact_motion, hermite, integrals, require_known_forces
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 
 def momentum(scene: Scene, trajectory: Trajectory) -> Floats:

@@ -19,8 +19,8 @@ import numpy as np
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.interpolate import acceleration, contact_motion
 from dem_bridge.observables.modes import tangent_stiffness
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: number of blocks of a series: with fewer its uncertainty is not known, with more the means are not independent
 BLOCKS = 20

@@ -15,8 +15,8 @@ import numpy as np
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.registry import Observable, observable_named
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.front import front_speed, peak_velocity_of_front, residence_time_uncertainty
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: shares of the chain at the struck end, where the pulse forms, and at the far end, that a default window leaves out
 FORMING, ENDING = 0.1, 0.05

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.observables.interpolate import FEWER, NODES, contact_motion, hermite
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 
 def first_peak_force(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:

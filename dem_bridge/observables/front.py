@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.interpolate import FEWER, NODES, acceleration, hermite, root_between, spacing
 from dem_bridge.physics.solitary import solitary_wave
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 
 def arrival(scene: Scene | None, trajectory: Trajectory) -> Floats:
@@ -80,7 +80,7 @@ def local_stiffness(scene: Scene, position: NDArray[np.int64] | Floats) -> Float
 
     Between bodies its logarithm is interpolated linearly.
 
-    >>> from dem_bridge.scene import Scene
+    >>> from dem_bridge.scene.scene import Scene
     >>> chain = Scene(name="three", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0, 4.0), velocity=(1.0, 0.0, 0.0))
     >>> local_stiffness(chain, np.array([1]))
     array([2.])
@@ -243,7 +243,7 @@ def local_speed_constant(scene: Scene, trajectory: Trajectory) -> SpeedConstant:
     Raises UsageError for contacts whose exponents differ or are not above 2, or that have laws of their own.
 
     >>> import dem_bridge as db
-    >>> from dem_bridge.scene import Scene
+    >>> from dem_bridge.scene.scene import Scene
     >>> chain = Scene(name="uniform", duration=1e-3, mass=(0.01,) * 60, stiffness=(2e10,) * 59,
     ...               velocity=(0.8,) + (0.0,) * 59)
     >>> found = local_speed_constant(chain, db.solve(chain, backend="reference", uncertainty=False))

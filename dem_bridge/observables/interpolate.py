@@ -15,11 +15,11 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
 
-from dem_bridge import features
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.scene import Scene
-from dem_bridge.support import Support
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Support
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 Bracketed = Callable[[Floats], Floats]
 

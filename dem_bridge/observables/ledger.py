@@ -20,8 +20,8 @@ from dem_bridge.observables.interpolate import (
     require_known_forces,
     root_between,
 )
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -17,8 +17,8 @@ import numpy as np
 
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.observables.interpolate import contact_motion
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: part of an overlap over which the slope of a law is taken
 _SLOPE = 1e-4

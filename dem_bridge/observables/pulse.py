@@ -20,8 +20,8 @@ from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import inner_bodies
 from dem_bridge.observables.front import front_speed, peak_velocity_of_front, residence_time_uncertainty
 from dem_bridge.observables.interpolate import acceleration, hermite, require_forces, root_between, state_at
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: smallest maximum of a body's velocity that counts as a further pulse, relative to the first
 SECONDARY = 0.05

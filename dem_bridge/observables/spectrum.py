@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import Slope, inner_contacts, straight_line
 from dem_bridge.observables.interpolate import spacing
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: shares of the positions, at the start and at the end, over which centroids are averaged: the one of the ratio first
 SHARES = (0.1, 0.05, 0.2)

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from markupsafe import Markup, escape
 
-from dem_bridge.studies.study import Claim, ClaimValue, Table
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Claim, ClaimValue, Table
 
 #: outcomes in the order in which they are sorted, the worst first
 SEVERITY = (

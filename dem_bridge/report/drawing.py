@@ -20,7 +20,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from dem_bridge.report.scales import colour_limits, groups_of_scale, scale_together, set_scales
 from dem_bridge.report.strokes import BARS, style_of, style_on_map
-from dem_bridge.studies.study import FigureData, Map, Panel, Series
+from dem_bridge.report.study import FigureData, Map, Panel, Series
 
 #: colour map with even lightness; also for values of both signs, because two-sided colour maps are ambiguous in grey
 COLOURS = "cividis"

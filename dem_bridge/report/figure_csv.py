@@ -7,7 +7,7 @@ import io
 import re
 from dataclasses import replace
 
-from dem_bridge.studies.study import FigureData, Map, Panel
+from dem_bridge.report.study import FigureData, Map, Panel
 
 
 def csv_texts(data: FigureData) -> dict[str, str]:

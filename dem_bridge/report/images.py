@@ -15,12 +15,11 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, TypeVar
 
+from dem_bridge.report.study import FigureData
 from dem_bridge.runs.code import code_of_all, digest
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.studies.study import FigureData
-from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.scene.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,31 +39,10 @@ def picture_of_data(data: FigureData, store: Store | None = None) -> str:
 
         return svg_of(draw_figure(data))
 
-    return _recall(store, "figure", [], draw, content=hashlib.sha256(data.content()).hexdigest())
+    return recalled_picture(store, "figure", [], draw, content=hashlib.sha256(data.content()).hexdigest())
 
 
-def picture_of_runs(name: str, studies: Sequence[SceneStudy], store: Store | None = None) -> str | None:
-    """Return the picture that a function of :mod:`.figures` or :mod:`.motion` draws of runs; None if it draws none."""
-
-    def draw() -> str | None:
-        from dem_bridge.report import figures, motion
-
-        figure: Figure | None = getattr(motion if name == "motion" else figures, name)(studies)
-        return None if figure is None else svg_of(figure)
-
-    keys = [result.key for study in studies for result in study.results]
-    judged = [
-        (
-            study.refinement,
-            [verdict.as_json() for verdict in study.verdicts],
-            [budget.as_json() for budget in study.budgets],
-        )
-        for study in studies
-    ]
-    return _recall(store, name, keys, draw, [study.scene for study in studies], judged=judged)
-
-
-def _recall(
+def recalled_picture(
     store: Store | None,
     name: str,
     keys: Sequence[str | None],
@@ -94,7 +72,7 @@ def svg_of(figure: Figure) -> str:
 def alternative_text(data: FigureData) -> str:
     """Return what a figure shows in words: its title, and for each panel the axes and the names of its lines.
 
-    >>> from dem_bridge.studies.study import Panel
+    >>> from dem_bridge.report.study import Panel
     >>> panel = Panel(title="(a) slow", x_label="cylinder", y_label="time (ms)")
     >>> alternative_text(FigureData(id="figure-2", title="Figure 2", caption="", panels=(panel,)))
     'Figure 2. (a) slow: time (ms) against cylinder.'

@@ -5,18 +5,20 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from dem_bridge.report import cells
 from dem_bridge.report.images import alternative_text, inline
 
+_HERE = "dem_bridge.report"
+
 
 @cache
-def _environment() -> Environment:
-    """Return the environment of all templates; those of HTML and XML escape their values."""
+def _environment(package: str) -> Environment:
+    """Return the environment of the templates of a package and of this one; HTML and XML escape their values."""
     environment = Environment(
-        loader=PackageLoader("dem_bridge.report", "templates"),
+        loader=ChoiceLoader([PackageLoader(name, "templates") for name in dict.fromkeys((package, _HERE))]),
         undefined=StrictUndefined,
         autoescape=lambda name: name is not None and name.endswith((".html.j2", ".xml.j2")),
         trim_blocks=True,
@@ -36,6 +38,6 @@ def _environment() -> Environment:
     return environment
 
 
-def fill(template: str, **values: Any) -> str:
-    """Return a template filled with values."""
-    return _environment().get_template(template).render(values)
+def fill(template: str, package: str = _HERE, **values: Any) -> str:
+    """Return a template of a package, or of this one, filled with values."""
+    return _environment(package).get_template(template).render(values)

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from dem_bridge.studies.study import Map, Panel
+from dem_bridge.report.study import Map, Panel
 
 
 def colour_limits(maps: Sequence[Map]) -> tuple[float, float, str]:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.trajectory import UNKNOWN, Trajectory
+from dem_bridge.trajectory.trajectory import UNKNOWN, Trajectory
 
 Family = TypeVar("Family")
 

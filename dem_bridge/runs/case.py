@@ -9,8 +9,8 @@ from dem_bridge.backends.reference import SERIES
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.keys import run_key
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 
 #: largest memory of the samples of a run, bytes
 MOST_MEMORY = 2**32

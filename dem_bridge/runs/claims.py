@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from dem_bridge.leftovers import CLAIM, is_left_behind, owned
+from dem_bridge.foundation.leftovers import CLAIM, is_left_behind, owned
 
 #: a claim counts for this time, s, and this factor times the expected time of its run
 _MARGIN, _FACTOR = 60.0, 10.0

@@ -16,23 +16,27 @@ from functools import cache
 from pathlib import Path
 
 from dem_bridge.backends.catalogue import BACKENDS
-from dem_bridge.leftovers import started
+from dem_bridge.foundation.leftovers import started
 
 PACKAGE = Path(__file__).parents[1]
 #: modules, and folders of them, that schedule, keep, judge or show runs: no number of a trajectory passes through them.
 #: What is not listed is in the keys of all runs that import it, wherever it lives
 NOT_IN_RUNS = (
-    "api", "campaign", "cli", "cluster", "differences", "doctor", "ensembles", "exports", "judging", "measurement",
-    "notebook", "notebook_sketch", "planning", "plot", "readers", "regression", "report", "runs.cache", "runs.case",
-    "runs.claims", "runs.code", "runs.digits", "runs.inspect", "runs.keys", "runs.recall", "runs.store", "studies",
-    "sweep", "verification",
+    "api", "cli", "ensembles", "formats", "foundation.notebook", "foundation.notebook_sketch", "judging",
+    "observables.differences", "observables.verdict", "plot", "report", "runs.cache", "runs.campaign", "runs.case",
+    "runs.claims", "runs.code", "runs.digits", "runs.inspect", "runs.keys", "runs.planning", "runs.recall",
+    "runs.store", "studies", "verification",
 )  # fmt: skip
 #: modules, and folders of them, that no number of a study passes through
 NOT_IN_STUDIES = (
-    "api", "cli", "cluster", "doctor", "exports", "notebook", "notebook_sketch", "plot", "regression", "report",
+    "api", "cli", "formats.tables", "formats.writers", "foundation.notebook", "foundation.notebook_sketch", "plot",
+    "report.cells", "report.drawing", "report.figure_csv", "report.images", "report.page", "report.pages",
+    "report.scales", "report.strokes", "report.templates", "runs.campaign.cluster", "verification.bundle",
+    "verification.crate", "verification.figures", "verification.junit", "verification.motion", "verification.page",
+    "verification.pictures", "verification.regression", "verification.replay", "verification.templates",
 )  # fmt: skip
 #: it selects the family or rule of each backend, which the catalogue names: its imports are those of all backends
-_DISPATCH = "dem_bridge.uncertainty.estimate"
+_DISPATCH = "dem_bridge.runs.uncertainty.estimate"
 #: files of the package that are code, or texts and tables in place of code
 _DATA = (".template", ".toml", ".json", ".j2")
 _OURS = "dem_bridge."
@@ -46,13 +50,18 @@ _QUOTED = re.compile(r'"(\w[\w.-]*\.[a-z0-9]+)"')
 def code_of_run(backend: str, *, uncertainty: bool, package: Path = PACKAGE) -> Mapping[str, str]:
     """Return the files that a run of a backend depends on, with the first 12 digits of their sha256."""
     entry = BACKENDS[backend]
-    roots = [entry.module, *([_DISPATCH, entry.uncertainty] if uncertainty and entry.uncertainty else [])]
+    roots = [entry.module, *([_DISPATCH, rule_of(backend)] if uncertainty and entry.uncertainty else [])]
     files: set[Path] = set()
     for module in _closure(roots, package):
         file = _file(module, package)
         assert file is not None  # a closure has modules of the package only
         files |= {file, *_named_in(file)}
     return _hashes(files, package)
+
+
+def rule_of(backend: str) -> str:
+    """Return the module with the rule from which the uncertainty of a backend follows."""
+    return _DISPATCH.rpartition(".")[0] + "." + BACKENDS[backend].uncertainty
 
 
 @cache

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import versions_of
-from dem_bridge.compiled import kernel
-from dem_bridge.kernel_content import closure_digest
-from dem_bridge.kernel_folders import folder_to_write, folders_to_read, is_safe
-from dem_bridge.leftovers import owned
+from dem_bridge.foundation.compiled import kernel
+from dem_bridge.foundation.kernel_content import closure_digest
+from dem_bridge.foundation.kernel_folders import folder_to_write, folders_to_read, is_safe
+from dem_bridge.foundation.leftovers import owned
 
 Floats = NDArray[np.float64]
 #: fingerprint of the place where the runs are made that are planned now, if it is not this process

@@ -14,7 +14,7 @@ from typing import Any
 from dem_bridge.errors import OF_DAMAGED_DATA, UsageError, one_line
 from dem_bridge.runs.keys import present
 from dem_bridge.runs.store import DAMAGED, SUFFIX, OtherSchema, Store, unpacked
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 #: the parts that determine a result beside its settings, in the order in which a difference is named, in words
 _PARTS = {

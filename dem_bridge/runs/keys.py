@@ -29,7 +29,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.code import code_of_run, code_of_studies, digest
 from dem_bridge.runs.digits import planned_fingerprint, processor
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 SCHEMA = "dem-bridge/store/4"
 #: variables that change what a LAMMPS loads, and how many threads it uses

@@ -20,7 +20,7 @@ from dem_bridge.backends.tabled import RECALLED, prescan_scene
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.keys import study_key
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 Value = TypeVar("Value")
 _PACKAGE = "dem_bridge."

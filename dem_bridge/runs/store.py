@@ -24,12 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
-from dem_bridge.files import check_folder, checked_file
-from dem_bridge.leftovers import CLAIM, owned, sweep
+from dem_bridge.foundation.files import check_folder, checked_file
+from dem_bridge.foundation.leftovers import CLAIM, owned, sweep
 from dem_bridge.runs.code import changed_since_start
 from dem_bridge.runs.keys import SCHEMA, determined_by
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Cost, Trajectory, Uncertainty
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import QUANTITIES, VOCABULARY, Cost, Trajectory, Uncertainty
 from dem_bridge.version import schema_fault
 
 #: names the folder; empty: no store

@@ -15,22 +15,22 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Jobs, Progress, run_cases
-from dem_bridge.differences import difference
-from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.bands import Bands, measured_bands, unit_cell
+from dem_bridge.observables.differences import difference
+from dem_bridge.observables.verdict import Outcome, Verdict, judge
 from dem_bridge.physics.dispersion import Cell
+from dem_bridge.report.study import FigureData, Series, Study
+from dem_bridge.report.texts import Texts
+from dem_bridge.runs.campaign import Jobs, Progress, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.studies.study import FigureData, Series, Study
-from dem_bridge.studies.texts import Texts
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.verdict import Outcome, Verdict, judge
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 
-TEXTS = Texts("bands")
+TEXTS = Texts("bands", "dem_bridge.studies")
 #: relative, of an edge
 TOLERANCE = 0.01
 #: samples in a period of the highest edge; a third of it is the least that :func:`measured_bands` takes

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from dem_bridge.errors import UsageError
 
 if TYPE_CHECKING:
-    from dem_bridge.studies.study import Study
+    from dem_bridge.report.study import Study
 
 
 class Entry(NamedTuple):
@@ -62,6 +62,7 @@ _PACKAGES = (
     "energy",
     "engine",
     "restitution",
+    "measurement",
 )
 
 

@@ -19,15 +19,15 @@ from dem_bridge.backends.splitting import FUSED
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.campaign import Jobs, Progress, map_in_threads
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene, shipped_scenes
-from dem_bridge.studies.study import FigureData, Series, Study
-from dem_bridge.studies.texts import Texts
-from dem_bridge.trajectory import Floats
+from dem_bridge.report.study import FigureData, Series, Study
+from dem_bridge.report.texts import Texts
+from dem_bridge.runs.campaign import Jobs, Progress, map_in_threads
+from dem_bridge.scene.file import load_scene, shipped_scenes
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats
 
-TEXTS = Texts("precision")
+TEXTS = Texts("precision", "dem_bridge.studies")
 MAIN = "decelerating-40"
 SAMPLES = 300
 #: rounding of a number in single precision, relative

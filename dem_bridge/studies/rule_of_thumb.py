@@ -15,23 +15,23 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Jobs, Progress, Result, run_groups
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.conserved import energy_parts, energy_uncertainty
 from dem_bridge.observables.registry import LARGEST, OBSERVABLES, Observable
+from dem_bridge.report.study import FigureData, Series, Study, Table
+from dem_bridge.report.texts import Texts
+from dem_bridge.runs.campaign import Jobs, Progress, Result, run_groups
+from dem_bridge.runs.campaign.sweep import table_of
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene, shipped_scenes
-from dem_bridge.studies.study import FigureData, Series, Study, Table
-from dem_bridge.studies.texts import Texts
-from dem_bridge.sweep import table_of
-from dem_bridge.timescales import contact_time_of, rayleigh_time_of
+from dem_bridge.scene.file import load_scene, shipped_scenes
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.timescales import contact_time_of, rayleigh_time_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
-TEXTS = Texts("rule-of-thumb")
+TEXTS = Texts("rule-of-thumb", "dem_bridge.studies")
 #: of the Rayleigh time; each step is a whole number of the finer ones
 SHARES = (0.05, 0.10, 0.20, 0.40)
 #: shares at which LAMMPS itself is run, for one scene
@@ -67,7 +67,7 @@ class SceneErrors:
     stable: float
     """s: 2/omega of the stiffest contact of a coarse run, the limit of stability of one contact alone."""
     table: pd.DataFrame | None = None
-    """Sweep against the reference (:func:`dem_bridge.sweep.table_of`) with a column ``share``."""
+    """Sweep against the reference (:func:`dem_bridge.runs.campaign.sweep.table_of`) with a column ``share``."""
     engine: dict[float, float] = field(default_factory=dict)
     """Share -> largest velocity difference between LAMMPS and the twin, relative to the largest velocity."""
     reason: str = ""

@@ -17,26 +17,26 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.ensembles.draw import LEAST_ANGLE as LEAST_ANGLE
 from dem_bridge.ensembles.draw import VARIED, Variation
 from dem_bridge.ensembles.run import run_ensemble
 from dem_bridge.ensembles.solve import LANED, solve_chains
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.geometry import Geometry
 from dem_bridge.observables.fits import inner_bodies
+from dem_bridge.report.study import FigureData, Map, Panel, Series, Study, Table, check_setting
+from dem_bridge.report.texts import Texts
+from dem_bridge.runs.campaign import Jobs, Progress, Result, run_cases
+from dem_bridge.runs.campaign.sweep import table_of
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file.physical import rounded
-from dem_bridge.scene_file.physical import scattered as turned_by_chance
-from dem_bridge.studies.study import FigureData, Map, Panel, Series, Study, Table, check_setting
-from dem_bridge.studies.texts import Texts
-from dem_bridge.sweep import table_of
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.file.physical import rounded
+from dem_bridge.scene.file.physical import scattered as turned_by_chance
+from dem_bridge.scene.geometry import Geometry
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats
 from dem_bridge.verification.roles import REFERENCE
 
-TEXTS = Texts("scatter")
+TEXTS = Texts("scatter", "dem_bridge.studies")
 #: observables that are compared with those of the chain with the intended angles
 OBSERVABLES = ("arrival_at_end", "residence_time", "peak_force")
 #: names of the measures of a chain

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.campaign import Progress
 from dem_bridge.ensembles.draw import VARIED, Variation
 from dem_bridge.ensembles.run import run_ensemble
 from dem_bridge.ensembles.sensitivity import Indices, sobol_indices
 from dem_bridge.errors import UsageError
-from dem_bridge.scene import Scene
-from dem_bridge.studies.study import FigureData, Map, Series, Study, Table, check_setting
-from dem_bridge.studies.texts import Texts
-from dem_bridge.trajectory import Floats
+from dem_bridge.report.study import FigureData, Map, Series, Study, Table, check_setting
+from dem_bridge.report.texts import Texts
+from dem_bridge.runs.campaign import Progress
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats
 
-TEXTS = Texts("sensitivity")
+TEXTS = Texts("sensitivity", "dem_bridge.studies")
 #: parts of the spread at which the deviation of the arrival is measured for the tolerance
 _PARTS = (0.25, 0.5, 1.0)
 #: chains for each of them

@@ -22,9 +22,8 @@ from dem_bridge.backends.prescan import Prescan, prescan_hertz
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import in_kernel, tables_for
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.campaign import Progress
-from dem_bridge.differences import Difference, difference
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene
+from dem_bridge.foundation.progress import listening
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import require
@@ -37,15 +36,16 @@ from dem_bridge.lmp.variants import (
     newton_off,
     with_restart,
 )
-from dem_bridge.progress import listening
-from dem_bridge.scene import Scene
-from dem_bridge.studies.study import FigureData, Series, Study
-from dem_bridge.studies.texts import Texts
-from dem_bridge.trajectory import QUANTITIES, SMALLEST_SCALE, Trajectory
-from dem_bridge.uncertainty.fixed_step import REALISATIONS, last_digit
-from dem_bridge.verification.verdict import Outcome, Verdict, judge_relative
+from dem_bridge.observables.differences import Difference, difference
+from dem_bridge.observables.verdict import Outcome, Verdict, judge_relative
+from dem_bridge.report.study import FigureData, Series, Study
+from dem_bridge.report.texts import Texts
+from dem_bridge.runs.campaign import Progress
+from dem_bridge.runs.uncertainty.fixed_step import REALISATIONS, last_digit
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import QUANTITIES, SMALLEST_SCALE, Trajectory
 
-TEXTS = Texts("styles")
+TEXTS = Texts("styles", "dem_bridge.studies")
 #: columns of the matrix
 COLUMNS = QUANTITIES
 #: of the deck's radii, for realisations of round-off: other last digits, and hardly other sizes

@@ -23,14 +23,14 @@ from dem_bridge.backends.base import (
     unsupported_reason,
 )
 from dem_bridge.errors import DemBridgeError
-from dem_bridge.features import FEATURES, GRADED_EXPONENTS, OTHER_EXPONENTS, Feature
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
-from dem_bridge.support import Support
+from dem_bridge.runs.uncertainty.estimate import solve
+from dem_bridge.scene.features import FEATURES, GRADED_EXPONENTS, OTHER_EXPONENTS, Feature
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Support
 from dem_bridge.testing.examples import DURATION, OTHER, example, plain_scene
-from dem_bridge.trajectory import PER_CONTACT, QUANTITIES, SAMPLED, VOCABULARY, Floats, Trajectory
-from dem_bridge.uncertainty.estimate import solve
+from dem_bridge.trajectory.trajectory import PER_CONTACT, QUANTITIES, SAMPLED, VOCABULARY, Floats, Trajectory
 
 #: largest difference from other codes and closed forms, relative to the largest value: a default step errs by 1e-4 and
 #: less, and a feature that is ignored shows by 5 % and more (tests/test_testing.py)

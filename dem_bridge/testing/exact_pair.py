@@ -10,11 +10,11 @@ import math
 
 import numpy as np
 
-from dem_bridge import features
 from dem_bridge.backends.base import Availability, Resolution, Sampling, run_provenance
-from dem_bridge.scene import Scene
-from dem_bridge.support import Condition, Exponents, Support
-from dem_bridge.trajectory import FREE, Floats, Trajectory, Uncertainty
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Condition, Exponents, Support
+from dem_bridge.trajectory.trajectory import FREE, Floats, Trajectory, Uncertainty
 
 #: relative error of the formulas: each of some ten operations rounds
 ROUND_OFF = 20.0 * float(np.finfo(float).eps)

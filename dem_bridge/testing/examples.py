@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge import features
-from dem_bridge.drive import Drive
-from dem_bridge.features import Feature
-from dem_bridge.scene import Adhesion, Damping, Scene, Wall
-from dem_bridge.support import Support
+from dem_bridge.scene import features
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.features import Feature
+from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
+from dem_bridge.scene.support import Support
 
 MASS = (8e-3, 1e-2, 2e-2)
 STIFFNESS = (4e9, 5e9)

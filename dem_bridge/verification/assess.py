@@ -8,16 +8,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dem_bridge.campaign import Result
-from dem_bridge.differences import difference
+from dem_bridge.observables.differences import difference
 from dem_bridge.observables.errors import read, reduced, relative_to
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.observables.verdict import Verdict
+from dem_bridge.runs.campaign import Result
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification import checks
 from dem_bridge.verification.budget import Budget, allowance, budgets
 from dem_bridge.verification.roles import Runs, engine_for
-from dem_bridge.verification.verdict import Verdict
 
 #: time steps in s, coarsest first, and the velocity errors of the runs, relative to the reference's largest velocity
 Refinement = tuple[list[float], list[float]]

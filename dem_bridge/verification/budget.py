@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.differences import difference
-from dem_bridge.trajectory import QUANTITIES, Trajectory
-from dem_bridge.uncertainty.fixed_step import REALISATIONS
-from dem_bridge.verification.verdict import plain
+from dem_bridge.observables.differences import difference
+from dem_bridge.observables.verdict import plain
+from dem_bridge.runs.uncertainty.fixed_step import REALISATIONS
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 
 
 @dataclass(frozen=True, kw_only=True)

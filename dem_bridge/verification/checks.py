@@ -19,18 +19,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from dem_bridge.accuracy import ObservedOrder, observed_order
 from dem_bridge.backends.steps import order_on
-from dem_bridge.campaign import Result
-from dem_bridge.differences import Difference, difference, first_divergence
 from dem_bridge.errors import RunBroken
+from dem_bridge.observables.accuracy import ObservedOrder, observed_order
 from dem_bridge.observables.conserved import work
+from dem_bridge.observables.differences import Difference, difference, first_divergence
 from dem_bridge.observables.errors import read
 from dem_bridge.observables.registry import OBSERVABLES, observable_named
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.observables.verdict import Outcome, Verdict, judge, judge_relative, numerical_verdict
+from dem_bridge.runs.campaign import Result
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, engine_for
-from dem_bridge.verification.verdict import Outcome, Verdict, judge, judge_relative, numerical_verdict
 
 #: permissible deviation of the observed order from 2, and from 1 where forces depend on velocities
 ORDER_TOLERANCE = {2: 0.05, 1: 0.1}

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from dem_bridge.lmp.known_defects import known_defects
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.verdict import Outcome, Verdict
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 
 
 def named_failures(scene: Scene, engine: str, run: Trajectory | None, verdicts: Iterable[Verdict]) -> Iterator[Verdict]:

@@ -28,7 +28,7 @@ from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 GRANULAR, TABLE = "lammps-granular", "lammps-table"
 TWIN, REFERENCE, SCIPY, BLANES_MOAN, THEORY = "verlet", "reference", "scipy", "blanes-moan", "bca"
@@ -63,7 +63,7 @@ class Roles:
 def assign_roles(scene: Scene) -> Roles:
     """Decide which backend plays which part on a scene.
 
-    >>> from dem_bridge.scene_file import load_scene
+    >>> from dem_bridge.scene.file import load_scene
     >>> roles = assign_roles(load_scene("decelerating-40"))
     >>> roles.engine, roles.solver, roles.second_reference
     ('lammps-granular', 'reference', 'scipy')

@@ -14,7 +14,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends.base import BACKENDS, Resolution
 from dem_bridge.errors import BackendUnavailable, SceneError, UnsupportedScene, UsageError
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.export_chains import CROSSED_FILE
 

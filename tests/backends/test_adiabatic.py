@@ -20,8 +20,8 @@ from dem_bridge.physics import adiabatic
 from dem_bridge.physics.adiabatic import adiabatic_wave
 from dem_bridge.physics.launch import launched
 from dem_bridge.physics.solitary import solitary_wave
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.conftest import Solve
 
 EPS = float(np.finfo(float).eps)

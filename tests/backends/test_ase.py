@@ -13,10 +13,10 @@ from ase.md.verlet import VelocityVerlet
 from hypothesis import given
 
 import dem_bridge as db
-from dem_bridge import progress
 from dem_bridge.backends.ase_verlet import AseVerlet, chain_calculator
 from dem_bridge.errors import BackendUnavailable, RunBroken
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.foundation import progress
+from dem_bridge.scene.scene import Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import ANY, examples, scenes

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.backends.bca import SINGLE_PULSE, BinaryCollisions
-from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.conserved import momentum
 from dem_bridge.observables.front import residence_time
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import log_uniform

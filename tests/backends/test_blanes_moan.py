@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 
 import dem_bridge as db
-from dem_bridge.accuracy import observed_order
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.scene import Damping, Scene
-from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.observables.accuracy import observed_order
+from dem_bridge.scene.scene import Damping, Scene
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from tests.bench.bench_bars import trials
 from tests.conftest import Solve
 from tests.helpers.quadruple_truth import Truth

@@ -19,8 +19,8 @@ from dem_bridge.backends.base import (
     unsupported_reason,
 )
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.conftest import Solve
 
 EPS = float(np.finfo(float).eps)

@@ -14,18 +14,18 @@ import pytest
 from numpy.typing import NDArray
 
 import dem_bridge as db
-from dem_bridge.accuracy import observed_order
 from dem_bridge.backends import splitting
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.lmp import deck as deck_module
+from dem_bridge.observables.accuracy import observed_order
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
 from dem_bridge.physics.exact import DashpotCollision, dashpot_collision
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.trajectory import QUANTITIES, Trajectory
-from dem_bridge.uncertainty import twins
-from dem_bridge.uncertainty.step_choice import step_for_accuracy
+from dem_bridge.runs.uncertainty import twins
+from dem_bridge.runs.uncertainty.step_choice import step_for_accuracy
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve
 from tests.helpers.fault_decks import Change, run_with, substituted
 from tests.helpers.random_damped import random_damped

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.accuracy import observed_order
 from dem_bridge.backends.base import BACKENDS, supports_of
 from dem_bridge.backends.driven import driven_of, driving_force
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.observables.accuracy import observed_order
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve
 from tests.helpers.driven_chains import CHIRP, DRIVES, PRESSED, SINE, TABLE, TOUCHING, driven, free_body, oscillator
 

@@ -14,17 +14,17 @@ import pytest
 from hypothesis import given
 
 import dem_bridge as db
-from dem_bridge.accuracy import observed_order
 from dem_bridge.backends import lammps
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
-from dem_bridge.dense import schedule
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import EngineReport, run_deck
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.scene_file import MAIN_SCENES
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.observables.accuracy import observed_order
+from dem_bridge.scene.file import MAIN_SCENES
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.dense import schedule
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.backends.test_verlet import REFINEMENT
 from tests.conftest import Solve
 from tests.helpers.dumps import frame

@@ -15,9 +15,9 @@ import pytest
 import dem_bridge as db
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp import pairing
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.scene_file import MAIN_SCENES
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.file import MAIN_SCENES
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.conftest import Solve
 from tests.helpers.fault_judging import FREE
 from tests.helpers.strategies import stiffness_for

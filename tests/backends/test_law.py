@@ -18,17 +18,17 @@ from dem_bridge.backends.base import BACKENDS, Resolution, Sampling, backend, su
 from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import run_cases
-from dem_bridge.dense import Schedule, damped_peaks, schedule
 from dem_bridge.errors import UsageError
-from dem_bridge.features import CONTACT_FUNCTIONS, WALLS
 from dem_bridge.lmp.coefficients import Laws
 from dem_bridge.observables.conserved import energy, energy_parts
 from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.law import ContactLaw, Law, law_of, power_law
+from dem_bridge.runs.campaign import run_cases
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.scene.features import CONTACT_FUNCTIONS, WALLS
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.dense import Schedule, damped_peaks, schedule
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve
 
 SLOPES, KINK = (5e6, 2.5e7), 6e-6

@@ -12,15 +12,15 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends import scipy_kernels
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.contacts import Contacts
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.observables.conserved import energy
 from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
-from dem_bridge.scene_file import parse_scene
-from dem_bridge.scene_file.text import scene_toml
+from dem_bridge.scene.contacts import Contacts
+from dem_bridge.scene.file import parse_scene
+from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
 from tests.backends.test_damped_steps import plant
 from tests.conftest import Solve
 from tests.helpers.fault_decks import Change, run_with, substituted, times

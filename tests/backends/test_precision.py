@@ -9,9 +9,9 @@ import pytest
 
 from dem_bridge.backends.precision import PRECISIONS, velocities_in
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.dense import Schedule
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.dense import Schedule
 
 CHAIN = Scene(
     name="chain",

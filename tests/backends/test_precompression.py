@@ -18,7 +18,7 @@ import dem_bridge as db
 from dem_bridge.backends import reference, scipy_integration
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.observables.conserved import energy, momentum
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.strategies import HALVES, examples, log_uniform, scenes
 
 EPS = float(np.finfo(float).eps)

@@ -17,8 +17,8 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.errors import RunBroken
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.uncertainty.step_choice import step_for_accuracy
+from dem_bridge.runs.uncertainty.step_choice import step_for_accuracy
+from dem_bridge.scene.scene import Damping, Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import examples, scenes

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.backends.reference import Reference
 from dem_bridge.observables.conserved import energy
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import examples, scenes
 

@@ -16,7 +16,7 @@ from dem_bridge.backends import scipy_dop853, scipy_integration
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene.scene import Damping, Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import ANY, examples, log_uniform, scenes, stiffness_for

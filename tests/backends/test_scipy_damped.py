@@ -19,7 +19,7 @@ import dem_bridge as db
 from dem_bridge.backends import scipy_damped
 from dem_bridge.errors import RunBroken, UnsupportedScene
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene.scene import Damping, Scene, Wall
 from tests.helpers.strategies import damped_scenes, examples, log_uniform
 
 EPS = float(np.finfo(float).eps)

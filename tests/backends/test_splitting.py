@@ -19,8 +19,8 @@ from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.splitting import Method
 from dem_bridge.backends.steps import Dense, fixed_step_plan
 from dem_bridge.backends.twin import TWIN, VERLET
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from tests.helpers.no_support import NOTHING
 from tests.helpers.strategies import examples, scenes
 

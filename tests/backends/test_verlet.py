@@ -11,14 +11,14 @@ from hypothesis import assume, given
 from numpy.typing import NDArray
 
 import dem_bridge as db
-from dem_bridge.accuracy import observed_order
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import default_step, round_step
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.observables.accuracy import observed_order
 from dem_bridge.observables.conserved import energy, momentum
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.conftest import Solve
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import ANY, HALVES, examples, log_uniform, scenes, thirty_two_times_as_fast

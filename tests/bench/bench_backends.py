@@ -22,7 +22,7 @@ from rich.table import Table
 
 import dem_bridge as db
 from dem_bridge.lmp.process import run_deck
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from tests.bench.timing import spread, wall_seconds
 
 

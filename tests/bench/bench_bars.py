@@ -19,7 +19,7 @@ from rich.table import Table
 from scipy.stats import binomtest
 
 import dem_bridge as db
-from dem_bridge.trajectory import QUANTITIES
+from dem_bridge.trajectory.trajectory import QUANTITIES
 from tests.helpers.random_scenes import COUNT, random_scene, random_truth, shortest_contact
 
 #: part of the shortest contact time that is taken as the step

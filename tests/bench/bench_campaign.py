@@ -17,12 +17,12 @@ from typing import Any
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import run_cases
-from dem_bridge.campaign.executors import run_by_executor, workers_of
-from dem_bridge.campaign.pool import run_in_processes
-from dem_bridge.campaign.tasks import Task
-from dem_bridge.cluster import connected
-from dem_bridge.progress import Campaign
+from dem_bridge.foundation.progress import Campaign
+from dem_bridge.runs.campaign import run_cases
+from dem_bridge.runs.campaign.cluster import connected
+from dem_bridge.runs.campaign.executors import run_by_executor, workers_of
+from dem_bridge.runs.campaign.pool import run_in_processes
+from dem_bridge.runs.campaign.tasks import Task
 from dem_bridge.runs.case import Case
 from tests.helpers.campaign_cases import with_action
 from tests.helpers.dask_cluster import dask_cluster

@@ -13,8 +13,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 import dem_bridge as db
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.scene.scene import Scene, Wall
 
 STEPS, TINY_STEPS = 100_000_000, 20_000
 

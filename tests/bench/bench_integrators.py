@@ -30,8 +30,8 @@ from dem_bridge.backends import splitting
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.backends.twin import TWIN, VERLET
-from dem_bridge.dense import Schedule
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.dense import Schedule
 
 SOURCE = Path(__file__).with_name("verlet.c")
 FLAGS = {"C": ("-O3", "-march=native"), "C, no errno": ("-O3", "-march=native", "-fno-math-errno")}

@@ -25,8 +25,8 @@ import numpy as np
 import dem_bridge as db
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import EngineReport, run_deck
-from dem_bridge.scene import Damping, Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Damping, Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.bench.timing import median_seconds
 
 #: what is measured, the target, the measurement

@@ -27,9 +27,9 @@ from dem_bridge.backends.base import supports_of
 from dem_bridge.backends.reference import SERIES
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.planning.answer import Plan
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.runs.planning.answer import Plan
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.finer_settings import largest_error
 from tests.helpers.random_plans import planned_scene
 

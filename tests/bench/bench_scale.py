@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.checked import MOST_BODIES
+from dem_bridge.foundation.checked import MOST_BODIES
 
 #: address space that the largest run must fit in, bytes
 LIMIT = 4e9
@@ -24,7 +24,7 @@ STEP = 1e-7
 _BEGIN = """
 import json, resource, sys, time
 import dem_bridge as db
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 def peak(): return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 def address_space():
     return 1024 * next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmPeak"))

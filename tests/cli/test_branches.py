@@ -14,13 +14,13 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.api import regress as regress_api
-from dem_bridge.campaign import run_cases
 from dem_bridge.cli import imports, regress, terminal
 from dem_bridge.errors import UsageError
+from dem_bridge.report.study import Study, Table
+from dem_bridge.runs.campaign import run_cases
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Damping, Scene
-from dem_bridge.scene_file.text import scene_toml
-from dem_bridge.studies.study import Study, Table
+from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.scene import Damping, Scene
 from tests.helpers.campaign_cases import SHORT, short_case
 from tests.helpers.command_line import assert_one_line, run_here
 from tests.helpers.export_chains import PAIR

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 import dem_bridge as db
 from dem_bridge.cli import main
-from dem_bridge.scene_file.text import scene_toml
+from dem_bridge.scene.file.text import scene_toml
 from tests.helpers.command_line import choices
 from tests.helpers.export_chains import RAW
 from tests.helpers.export_runs import foreign_dump, made_up
@@ -36,8 +36,8 @@ def _asked(*words: object) -> Result:
 
 
 def test_the_words_of_the_commands_are_those_of_the_package() -> None:
-    from dem_bridge.exports.trajectories import SUFFIXES
-    from dem_bridge.readers.headings import STYLES as KNOWN
+    from dem_bridge.formats.readers.headings import STYLES as KNOWN
+    from dem_bridge.formats.writers import SUFFIXES
 
     assert tuple(KNOWN) == choices("convert", "units") == choices("compare", "units")
     assert set(choices("convert", "format")) == set(SUFFIXES.values()) - {"traj"}

@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 
 import dem_bridge as db
 from dem_bridge.cli import main
-from dem_bridge.files import write_whole
+from dem_bridge.foundation.files import write_whole
 from tests.helpers.command_line import choices
 from tests.helpers.fake_runs import CHAIN
 
@@ -38,7 +38,8 @@ def _one_line(done: Result, *parts: str) -> None:
 
 
 def test_the_words_of_the_command_are_those_of_the_package() -> None:
-    from dem_bridge.exports import formats, tables
+    from dem_bridge.formats.tables import tables
+    from dem_bridge.formats.tables import text as formats
 
     assert tuple(tables.TABLES) == choices("export", "table")
     assert tuple(formats.FORMATS) == choices("export", "format")

@@ -9,8 +9,8 @@ from click.testing import CliRunner, Result
 
 import dem_bridge as db
 from dem_bridge.cli import main
-from tests.exports.test_scene_csv import CHAIN, THREE
 from tests.helpers.lammps_scripts import script
+from tests.scene.file.test_scene_csv import CHAIN, THREE
 
 SCRIPT = script().replace("timestep 1e-7", "variable dt index 1e-7\ntimestep ${dt}")
 

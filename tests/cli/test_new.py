@@ -15,10 +15,10 @@ from pydantic import BaseModel
 import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.cli.new import FORMS, template
-from dem_bridge.scene_file import parse_scene
-from dem_bridge.scene_file.body_forms import CylinderScene, PatternScene, SphereScene
-from dem_bridge.scene_file.forms import RawScene
-from dem_bridge.scene_file.impact import ImpactScene
+from dem_bridge.scene.file import parse_scene
+from dem_bridge.scene.file.body_forms import CylinderScene, PatternScene, SphereScene
+from dem_bridge.scene.file.forms import RawScene
+from dem_bridge.scene.file.impact import ImpactScene
 from tests.helpers.command_line import choices
 
 TABLES: dict[str, type[BaseModel]] = {
@@ -63,7 +63,7 @@ OPTIONS = [(form, *option) for form in FORMS for option in options(template(form
 
 
 def test_every_form_of_a_scene_file_has_a_template_and_none_is_of_another() -> None:
-    files = {file.stem for file in (Path(db.__file__).parent / "scene_file" / "templates").glob("*.toml")}
+    files = {file.stem for file in (Path(db.__file__).parent / "scene" / "file" / "templates").glob("*.toml")}
     assert files == set(FORMS) == set(TABLES)
     assert choices("new", "form") == tuple(FORMS)
 

@@ -14,7 +14,7 @@ from scipy.special import ndtr
 from dem_bridge.ensembles.draw import Variation
 from dem_bridge.ensembles.sensitivity import sobol_indices
 from dem_bridge.ensembles.solve import solve_chains, steps_for
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 SEEDS = 100
 SIX = Scene(name="six", duration=4e-4, mass=(0.01,) * 6, stiffness=(2e10,) * 5, velocity=(0.8, 0.0, 0.0, 0.0, 0.0, 0.0))

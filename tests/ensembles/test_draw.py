@@ -20,7 +20,7 @@ from dem_bridge.ensembles.sensitivity import sobol_indices
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.registry import OBSERVABLES as REGISTRY
 from dem_bridge.physics.hertz import crossed_cylinders
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 
 #: a wall at each end, and bodies that move and that rest
 SCENE = Scene(

@@ -18,7 +18,7 @@ from dem_bridge.ensembles.solve import OBSERVABLES, difference, solve_chains, st
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.physics.hertz import crossed_cylinders
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 
 #: five bodies with a wall at each end, gaps, an initial overlap and two bodies that move
 FIVE = Scene(

@@ -17,7 +17,7 @@ from dem_bridge.ensembles.run import run_ensemble
 from dem_bridge.ensembles.solve import OBSERVABLES, difference, solve_chains, steps_for
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.registry import observable_named
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 
 Floats = NDArray[np.float64]
 #: more than one group of lanes, and not a multiple of them

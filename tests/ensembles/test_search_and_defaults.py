@@ -19,7 +19,7 @@ from dem_bridge.ensembles.run import run_ensemble
 from dem_bridge.ensembles.sensitivity import sobol_indices
 from dem_bridge.ensembles.solve import OBSERVABLES, solve_chains, steps_for
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 
 TWO = Scene(name="two", duration=1e-4, mass=(0.01, 0.02), stiffness=(2e10,), velocity=(0.8, 0.0))
 CHAINS = Variation(scene=TWO, vary={"mass": 0.1}).block(0, 2)

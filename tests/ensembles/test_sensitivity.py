@@ -12,7 +12,7 @@ from dem_bridge.ensembles.draw import Variation
 from dem_bridge.ensembles.sensitivity import _estimates, _exchanged, may_be_largest, sobol_indices
 from dem_bridge.ensembles.solve import solve_chains, steps_for
 from dem_bridge.errors import UsageError
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 THREE = Scene(name="three", duration=1.5e-4, mass=(0.01, 0.015, 0.02), stiffness=(2e10, 1e10), velocity=(0.8, 0.0, 0.0))
 VARIATION = Variation(scene=THREE, vary={"stiffness": 0.1})

@@ -14,7 +14,7 @@ from dem_bridge.ensembles import solve
 from dem_bridge.ensembles.draw import Variation
 from dem_bridge.ensembles.solve import solve_chains
 from dem_bridge.ensembles.touch import jacobi_rules, touch_defect
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 #: bodies that meet, part and meet again: some twenty touches
 GAPS = Scene(

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 import dem_bridge as db
 from dem_bridge.backends import bca, driven, scipy_integration, splitting
-from dem_bridge.campaign import run_case
+from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics import exact
+from dem_bridge.runs.campaign import run_case
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, SCIPY, TWIN
-from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fault_judging import (
     BENCH,
     FREE,

@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import pytest
 
-from dem_bridge.campaign import run_case
 from dem_bridge.lmp import coefficients
 from dem_bridge.lmp.deck import Deck
+from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.law import ContactLaw, power_law
-from dem_bridge.scene import Wall
+from dem_bridge.runs.campaign import run_case
+from dem_bridge.scene.scene import Wall
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, TABLE
-from dem_bridge.verification.verdict import Outcome
 from tests.helpers.fault_decks import Change, run_with, substituted
 from tests.helpers.fault_judging import ENERGY, FREE, IMPLEMENTATION, ORDER, USER, Bench, Fault, minus, replaced
 

@@ -22,12 +22,12 @@ import hypothesis
 from hypothesis.configuration import set_hypothesis_home_dir
 
 import dem_bridge as db
-from dem_bridge import isolated
 from dem_bridge.api import scenes
 from dem_bridge.errors import MOST_CHARACTERS, BlockedScript, DemBridgeError
+from dem_bridge.formats.readers import source
+from dem_bridge.foundation import isolated
 from dem_bridge.lmp.reader import script
-from dem_bridge.readers import source
-from dem_bridge.regression import baseline
+from dem_bridge.verification.regression import baseline
 from tests.fuzz.mutate import changed
 from tests.fuzz.planted import FAULTY
 from tests.fuzz.strategies import DRAWN

@@ -15,8 +15,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from dem_bridge.readers.headings import DATA, STYLES
-from dem_bridge.scene_file import body_forms, forms, impact
+from dem_bridge.formats.readers.headings import DATA, STYLES
+from dem_bridge.scene.file import body_forms, forms, impact
 from tests.fuzz.mutate import WORDS
 
 Draw = st.SearchStrategy[Any]

@@ -20,15 +20,15 @@ from scipy.io import netcdf_file
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
-from dem_bridge.measurement.readings import read_measurement
-from dem_bridge.readers import read_record
-from dem_bridge.regression.baseline import read_baseline
-from dem_bridge.report import replay
-from dem_bridge.report.bundle import check_bundle
+from dem_bridge.formats.readers import read_record
 from dem_bridge.runs.inspect import entries
 from dem_bridge.runs.store import Store
-from dem_bridge.scene_file import shipped_scenes
-from dem_bridge.scene_file.drive import read_force
+from dem_bridge.scene.file import shipped_scenes
+from dem_bridge.scene.file.drive import read_force
+from dem_bridge.studies.measurement.readings import read_measurement
+from dem_bridge.verification import replay
+from dem_bridge.verification.bundle import check_bundle
+from dem_bridge.verification.regression.baseline import read_baseline
 from tests.fuzz.mutate import Rng, of_bytes, of_json, of_words
 
 PAIR = db.Scene(

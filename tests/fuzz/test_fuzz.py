@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.readers import source
+from dem_bridge.formats.readers import source
 from tests.fuzz import harness
 from tests.fuzz.child import outcome
 from tests.fuzz.harness import FAULTS, NAMES, fuzz

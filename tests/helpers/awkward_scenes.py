@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from dem_bridge.drive import Drive
-from dem_bridge.scene import Adhesion, Damping, Scene, Wall
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from tests.helpers.kept_truths import load, save
 from tests.helpers.truths import DATA, FIRST, SECOND, Truth, agreed_truth, compiled, disagreements, solved
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from dem_bridge.backends.base import BACKENDS, supports_of
-from dem_bridge.features import FEATURES
+from dem_bridge.scene.features import FEATURES
 
 PAGE = Path(__file__).parent.parent.parent / "docs" / "backends.md"
 

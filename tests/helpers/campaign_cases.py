@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Result
+from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from tests.helpers.processes import happens
 from tests.helpers.three_bodies import THREE
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from dem_bridge.exports.table import Column, column
+from dem_bridge.formats.tables.table import Column, column
 
 
 def numbers(quantity: str, heading: str, unit: str, values: Iterable[float | None]) -> Column:

@@ -14,7 +14,7 @@ import numpy as np
 
 import dem_bridge as db
 from dem_bridge.judging.model import Model
-from dem_bridge.scene import Damping, Scene
+from dem_bridge.scene.scene import Damping, Scene
 
 HERTZ = Scene(
     name="three", duration=1e-5, mass=(8e-3, 1e-2, 1e-2), stiffness=(4e9, 4e9), velocity=(0.8, 0.0, 0.0), samples=2

@@ -21,8 +21,8 @@ from operator import mul
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 
 DIGITS, ORDER = 40, 40
 #: what the last coefficients may contribute to the powers of an overlap

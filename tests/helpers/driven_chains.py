@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from dem_bridge.drive import Drive
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Scene, Wall
 
 SINE = Drive(shape="sine", force=2.0, frequency=4000.0, phase=30.0, rise=2e-4)
 #: its sweep ends within the scenes

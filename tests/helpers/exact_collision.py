@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

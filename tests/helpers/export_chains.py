@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from dem_bridge.geometry import Body, Geometry, Material
 from dem_bridge.physics.hertz import crossed_cylinders, sphere_on_cylinder
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene.geometry import Body, Geometry, Material
+from dem_bridge.scene.scene import Damping, Scene, Wall
 
 QUARTZ = Material(youngs_modulus=72e9, poissons_ratio=0.17, density=2200.0, name="quartz & 100%_pure")
 STEEL = Material(youngs_modulus=200e9, poissons_ratio=0.3, density=7800.0, name="steel")

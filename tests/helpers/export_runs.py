@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory, Uncertainty
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory, Uncertainty
 from tests.helpers.fake_runs import NO_COST
 
 #: of each run; enough for a lost one to be seen

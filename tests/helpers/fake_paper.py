@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Claim, ClaimValue, FigureData, Map, Panel, Series, Table
 from dem_bridge.studies.paper.claims import KINDS
 from dem_bridge.studies.paper.study import claims_table
-from dem_bridge.studies.study import Claim, ClaimValue, FigureData, Map, Panel, Series, Table
-from dem_bridge.studies.verification import Verification, verification_of
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.verification.verification import Verification, verification_of
 
 _STATEMENT = (
     "The residence time of the wave in the decelerating chain grows monotonically along the chain, while the wave"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.trajectory import Cost, Trajectory, Uncertainty
+from dem_bridge.trajectory.trajectory import Cost, Trajectory, Uncertainty
 
 #: a scene file of three bodies
 CHAIN = """\

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from dem_bridge.backends import lammps
-from dem_bridge.campaign import Result, run_case
 from dem_bridge.lmp.deck import Deck, deck_of
+from dem_bridge.runs.campaign import Result, run_case
 from dem_bridge.runs.case import Case
 
 #: a deck -> the files that are run in its place

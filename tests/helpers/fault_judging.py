@@ -8,14 +8,14 @@ from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
-from dem_bridge.campaign import Result, run_case
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.runs.campaign import Result, run_case
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.studies.verify import plan_scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import assess_scene
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, Runs, engine_for
-from dem_bridge.verification.verdict import Outcome, Verdict
+from dem_bridge.verification.verify import plan_scene
 
 Results = Runs[Result]
 Plant = TypeVar("Plant")

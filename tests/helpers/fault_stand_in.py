@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 
 from dem_bridge.backends import lammps
-from dem_bridge.campaign import Result, run_case
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of
 from dem_bridge.lmp.process import EngineReport
+from dem_bridge.runs.campaign import Result, run_case
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from tests.helpers.fault_judging import BENCH, Results
 
 #: positions (m), velocities (m/s) and net forces (N) of the bodies

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 import dem_bridge as db
-from dem_bridge.planning.answer import Plan
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.runs.planning.answer import Plan
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 
 #: so many settings, evenly spaced in their logarithm, from that of the plan down to a quarter of it
 COUNT, FINEST = 40, 0.25

@@ -1,6 +1,6 @@
 """A foreign code in few lines of Python, and a small scene for it."""
 
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 #: two bodies; 50 samples
 PAIR = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=50)

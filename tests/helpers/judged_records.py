@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dem_bridge.readers import Record
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats
+from dem_bridge.formats.readers import Record
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats
 
 CHAIN = Scene(
     name="five",

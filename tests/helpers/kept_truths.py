@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.drive import Drive
-from dem_bridge.scene import Adhesion, Damping, Scene, Wall
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from tests.helpers.truths import QUANTITIES, Truth
 
 PARTS = {"wall_left": Wall, "wall_right": Wall, "damping": Damping, "adhesion": Adhesion, "drive": Drive}

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.drive import Drive
 from dem_bridge.errors import SceneError
-from dem_bridge.scene import Adhesion, Damping, Scene, Wall
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from tests.helpers.kept_truths import load, save
 from tests.helpers.truths import DATA, FIRST, Truth, compiled, solved
 

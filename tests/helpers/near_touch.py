@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.scene import Adhesion, Damping, Scene, Wall
+from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from tests.helpers.decimal_chain import largest_overlap
 
 LAWS = ("kuwabara-kono", "dashpot", "mass_velocity", "tsuji", "coeff_restitution")

@@ -17,9 +17,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from dem_bridge.drive import Drive
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene.scene import Damping, Scene, Wall
 
 
 def random_damped(seed: int, *, severe: bool = False) -> Scene:

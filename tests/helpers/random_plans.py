@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.random_damped import random_damped
 from tests.helpers.random_scenes import drawn
 

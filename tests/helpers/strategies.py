@@ -10,7 +10,7 @@ from typing import Any
 import hypothesis
 from hypothesis import strategies as st
 
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene.scene import Damping, Scene, Wall
 
 #: HYPOTHESIS_PROFILE=explore: other examples every time, and many more
 EXPLORE = os.environ.get("HYPOTHESIS_PROFILE") == "explore"

@@ -23,7 +23,7 @@ from typing import Any
 
 import click
 
-from dem_bridge.leftovers import SHARED_MEMORY
+from dem_bridge.foundation.leftovers import SHARED_MEMORY
 from tests.helpers.processes import PATIENCE, all_end, happens, pause
 
 ROOT = Path(__file__).parents[2]
@@ -45,12 +45,12 @@ def main(folder: str, count: str, jobs: str, kind: str, json_progress: bool) -> 
     ``kind``: "twin", "lammps-1", or "lammps" for one and two ranks in turn.
     """
     from dem_bridge.backends.base import Resolution, Sampling
-    from dem_bridge.campaign import run_cases
     from dem_bridge.cli.terminal import bar
     from dem_bridge.lmp.engine import Engine
+    from dem_bridge.runs.campaign import run_cases
     from dem_bridge.runs.case import Case
     from dem_bridge.runs.store import Store
-    from dem_bridge.scene import Scene
+    from dem_bridge.scene.scene import Scene
 
     scenes = [
         Scene(name=f"n{n}", duration=2e-4, mass=(1e-2,) * 3, stiffness=(4e9,) * 2, velocity=(0.5 + 1e-3 * n, 0.0, 0.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 THREE = Scene(
     name="three",

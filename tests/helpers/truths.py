@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import SAMPLED, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import SAMPLED, Trajectory
 
 DATA = Path(__file__).parent.parent / "data"
 QUANTITIES = ("displacement", "velocity", "peak_force", "crossing_time")

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.dense import Schedule
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.uncertainty.family import DenseReadings, TwinFamily
-from dem_bridge.uncertainty.moments import Moments
+from dem_bridge.runs.uncertainty.family import DenseReadings, TwinFamily
+from dem_bridge.runs.uncertainty.moments import Moments
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.dense import Schedule
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight
 
 #: three bodies, two contacts of n = 2: forces are stiffness times overlap

@@ -13,8 +13,8 @@ import numpy as np
 
 from dem_bridge.judging.judgement import Judgement
 from dem_bridge.judging.shown import lines
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.studies.texts import Texts
+from dem_bridge.report.texts import Texts
+from dem_bridge.scene.scene import Damping, Scene, Wall
 
 #: rows of the limits that a cause speaks of
 ROWS = {
@@ -185,7 +185,7 @@ def _of_limits(answer: Answer) -> Iterator[str]:
 
 
 def _of_advice(answer: Answer) -> Iterator[str]:
-    advice: dict[str, Any] = Texts("judge").data["advice"]
+    advice: dict[str, Any] = Texts("judge", "dem_bridge.judging").data["advice"]
     if answer.cause not in ("none", "unknown") and not answer.next.startswith(advice[answer.cause]):
         yield f"the advice is {answer.next!r} for {answer.cause}"
     if answer.cause != "none":

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from dem_bridge.physics.solitary import SolitaryWave, solitary_wave
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory, Uncertainty
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory, Uncertainty
 from tests.helpers.fake_runs import NO_COST, NO_ERROR
 
 #: kg: a cylinder of quartz, r = 9 mm, 18 mm high

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 import dem_bridge as db
+from dem_bridge.formats.readers.record import Record
 from dem_bridge.judging.cause import diagnose
-from dem_bridge.readers.record import Record
 from tests.helpers.planted.cases import Case, draw
 from tests.helpers.planted.files import rounded
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.formats.readers.record import Record
 from dem_bridge.judging import shown
 from dem_bridge.judging.cause import CAUSES, PRIORITY, diagnose
 from dem_bridge.judging.fitting import Stepping
@@ -19,9 +20,8 @@ from dem_bridge.judging.kernels import RK4, VERLET
 from dem_bridge.judging.model import Model, system_of
 from dem_bridge.judging.samples import half_steps
 from dem_bridge.judging.search import Search
-from dem_bridge.readers.record import Record
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.scene_file import parse_scene
+from dem_bridge.scene.file import parse_scene
+from dem_bridge.scene.scene import Damping, Scene, Wall
 
 SCENE = Scene(
     name="five",

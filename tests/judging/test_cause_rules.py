@@ -13,7 +13,7 @@ from dem_bridge.judging import cause, single
 from dem_bridge.judging.cause import Diagnosis
 from dem_bridge.judging.fitting import Block, Fit
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
-from dem_bridge.trajectory import Floats
+from dem_bridge.trajectory.trajectory import Floats
 from tests.helpers.judged_records import CHAIN
 
 SYSTEM: Any = "system"

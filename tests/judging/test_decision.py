@@ -14,7 +14,7 @@ from dem_bridge.judging import kernels
 from dem_bridge.judging.decision import DIVISORS, Decision
 from dem_bridge.judging.fitting import Block, Fit, Stepping
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
-from dem_bridge.trajectory import Floats
+from dem_bridge.trajectory.trajectory import Floats
 
 VERLET, DRIFT_FIRST, RK4 = kernels.VERLET, kernels.DRIFT_FIRST, kernels.RK4
 NOTHING = np.zeros(0)

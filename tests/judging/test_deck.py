@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from dem_bridge.judging import deck, limits
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 SCENE = Scene(name="p", duration=1e-3, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(1.0, 0.0), samples=50)
 

@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import DemBridgeError, RunBroken, UsageError
+from dem_bridge.formats.readers import Record
 from dem_bridge.judging import beside, deck, foreign, limits
 from dem_bridge.judging.beside import CodeRun
 from dem_bridge.judging.error import QuantityErrors
 from dem_bridge.judging.judgement import Addition, Judgement
 from dem_bridge.judging.limits import Limit
 from dem_bridge.lmp.reader.script import Command
-from dem_bridge.readers import Record
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 
 PAIR = Scene(name="p", duration=1e-3, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(1.0, 0.0), samples=50)
 NAN = math.nan

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dem_bridge.formats.readers import Record
 from dem_bridge.judging.decision import Decision
 from dem_bridge.judging.fitting import MOST_STEPS, Data, Fitter, Stepping, least
 from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, _effective, global_hypotheses
@@ -16,10 +17,9 @@ from dem_bridge.judging.kernels import KICK_EULER, RK4, VERLET
 from dem_bridge.judging.model import Model, System, system_of
 from dem_bridge.judging.samples import half_steps, sample_hypotheses
 from dem_bridge.judging.search import Search, _missed
-from dem_bridge.readers import Record
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.scene_file import parse_scene
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.file import parse_scene
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import Floats
 from tests.helpers.judged_records import CHAIN
 
 WALLED = replace(CHAIN, wall_left=Wall(stiffness=3e9), wall_right=Wall(stiffness=4e9), gap=(3e-6, 0.0, 0.0, 0.0))

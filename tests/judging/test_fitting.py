@@ -13,8 +13,8 @@ import pytest
 from dem_bridge.judging.fitting import Data, Fitter, Stepping, least
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
 from dem_bridge.judging.model import Motion
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Floats
 
 SCENE = Scene(
     name="two", duration=2.0, mass=(1.0, 1.0), stiffness=(1.0,), velocity=(1.0, 0.0), wall_left=Wall(stiffness=1.0)

@@ -10,8 +10,8 @@ import pytest
 
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.judging.foreign import Command, default_steps, foreign_runs
-from dem_bridge.scene_file import parse_scene
-from dem_bridge.scene_file.text import scene_json
+from dem_bridge.scene.file import parse_scene
+from dem_bridge.scene.file.text import scene_json
 from tests.helpers.foreign import FAKE, PAIR
 
 

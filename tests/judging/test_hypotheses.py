@@ -15,9 +15,9 @@ from dem_bridge.judging import kernels, samples
 from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, _effective, _factor, global_hypotheses
 from dem_bridge.judging.model import Model, system_of
 from dem_bridge.judging.samples import POWERS, half_steps, sample_hypotheses
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.scene_file import parse_scene
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.file import parse_scene
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import Floats
 from tests.helpers.judged_records import CHAIN
 
 HALF, NOTHING = np.array([0.5]), np.zeros(0)

@@ -12,13 +12,13 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
+from dem_bridge.formats.readers import Record
 from dem_bridge.judging import judgement as module
 from dem_bridge.judging.cause import CAUSES, Diagnosis
 from dem_bridge.judging.error import file_errors
 from dem_bridge.judging.judgement import KEYS, Judgement, judge_records
 from dem_bridge.judging.shown import TEXTS, lines
-from dem_bridge.readers import Record
-from dem_bridge.scene import Wall
+from dem_bridge.scene.scene import Wall
 from tests.helpers.judged_records import CHAIN, record
 
 STEPS = (1e-6, 5e-7, 2.5e-7)

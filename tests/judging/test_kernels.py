@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 
 from dem_bridge.judging import kernels
 from dem_bridge.judging.model import Model, System
-from dem_bridge.scene import Adhesion, Damping, Scene, Wall
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import Floats
 
 CHAIN = Scene(
     name="three",

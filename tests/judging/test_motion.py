@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.drive import Drive
 from dem_bridge.judging import kernels
 from dem_bridge.judging.model import Model, Motion, system_of
-from dem_bridge.scene import Adhesion, Damping, Scene, Wall
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import Floats
 from tests.judging.test_kernels import CHAIN, acceleration, contact_forces, one_step
 
 #: a line in which all but the first body rest for a while

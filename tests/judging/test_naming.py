@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
+from dem_bridge.formats.readers import Record
 from dem_bridge.judging import cause, deck, judgement, limits, order, shown, single
 from dem_bridge.judging.cause import Diagnosis
 from dem_bridge.judging.error import QuantityErrors
@@ -22,8 +23,7 @@ from dem_bridge.judging.limits import Limit
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.reference import reference_at
 from dem_bridge.lmp.reader.script import Command
-from dem_bridge.readers import Record
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.judged_records import CHAIN, record
 
 PAIR = Scene(name="p", duration=1e-3, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(1.0, 0.0), samples=50)

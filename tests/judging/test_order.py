@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
+from dem_bridge.formats.readers import Record
 from dem_bridge.judging.error import file_errors
 from dem_bridge.judging.order import Convergence, convergence
-from dem_bridge.readers import Record
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from tests.helpers.judged_records import CHAIN, record
 
 STEPS = (1e-6, 5e-7, 2.5e-7)

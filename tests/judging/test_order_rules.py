@@ -13,7 +13,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.judging import order
 from dem_bridge.judging.error import QuantityErrors
 from dem_bridge.judging.order import Convergence, Order, convergence
-from dem_bridge.trajectory import Floats
+from dem_bridge.trajectory.trajectory import Floats
 
 NAN = math.nan
 

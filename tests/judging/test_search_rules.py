@@ -15,8 +15,8 @@ from dem_bridge.judging import search as module
 from dem_bridge.judging.hypotheses import Changes, Hypothesis
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.search import Candidate, Search
-from dem_bridge.scene import Wall
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.scene import Wall
+from dem_bridge.trajectory.trajectory import Floats
 from tests.helpers.judged_records import CHAIN
 
 #: residual of the scene and that of the scene without the error of the step

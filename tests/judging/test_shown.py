@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.drive import Drive
 from dem_bridge.errors import UsageError
+from dem_bridge.formats.readers import Record
 from dem_bridge.judging import judgement as module
 from dem_bridge.judging import shown
 from dem_bridge.judging.cause import Diagnosis
 from dem_bridge.judging.error import FileErrors, QuantityErrors
 from dem_bridge.judging.judgement import Addition, Judgement, judge_records
 from dem_bridge.judging.order import Convergence, Order
-from dem_bridge.readers import Record
-from dem_bridge.scene import Adhesion, Wall
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Adhesion, Wall
 from tests.helpers.judged_records import CHAIN, record
 
 NAN = math.nan

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.formats.readers import read_record
 from dem_bridge.judging.judgement import judge_records
 from dem_bridge.judging.stated import statements, variant_of
 from dem_bridge.judging.step import StepError
-from dem_bridge.readers import read_record
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import Floats
 from tests.helpers.judged_records import CHAIN, force, record
 
 Samples = dict[str, Floats]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.formats.readers.record import Record
 from dem_bridge.judging.judgement import judge_records
-from dem_bridge.readers.record import Record
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 
 BOX = Scene(
     name="box",

@@ -18,15 +18,15 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsTable
 from dem_bridge.backends.prescan import surrogate_radius
-from dem_bridge.dense import Schedule, schedule
-from dem_bridge.drive import Drive
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.deck import Deck, _rows, as_comment, deck_of, positions
 from dem_bridge.lmp.reader.script import Script
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.scene_file import MAIN_SCENES
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.file import MAIN_SCENES
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.dense import Schedule, schedule
 from tests.helpers.deck_reader import ReadDeck, read_deck
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import damped_scenes, examples, log_uniform, scenes

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.backends.lammps import LammpsGranular, Written
-from dem_bridge.drive import Drive
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.driving import drive_file
 from dem_bridge.lmp.variants import flat_walls, newton_off, with_restart
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.deck_reader import ReadDeck, read_deck
 from tests.helpers.driven_chains import CHIRP, PRESSED, SINE, TABLE, TOUCHING, driven
 from tests.helpers.strategies import examples

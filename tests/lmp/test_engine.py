@@ -18,9 +18,9 @@ from dem_bridge.errors import BackendUnavailable, DemBridgeError, RunBroken, Usa
 from dem_bridge.lmp import child, log
 from dem_bridge.lmp.engine import VARIABLE, Engine, lacks
 from dem_bridge.lmp.process import probe, require, run_deck
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.conftest import Solve
 from tests.helpers.processes import EventClock, all_end
 

@@ -15,15 +15,15 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import run_case
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp import child, process
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import check_room, run_deck, workspace
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.runs.campaign import run_case
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.checks import accuracy
-from dem_bridge.verification.verdict import Outcome
 from tests.conftest import Solve
 from tests.helpers.processes import EventClock, all_end, happens, running
 

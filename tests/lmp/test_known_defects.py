@@ -14,10 +14,10 @@ from click.testing import CliRunner
 import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of, known_defects
-from dem_bridge.scene_file.text import scene_toml
-from dem_bridge.studies.study import Study
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.study import Study
+from dem_bridge.scene.file.text import scene_toml
 from dem_bridge.verification.defects import named_failures
-from dem_bridge.verification.verdict import Outcome, Verdict
 
 PINNED = 20250722
 PAIR = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))

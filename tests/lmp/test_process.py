@@ -15,11 +15,11 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends import lammps
 from dem_bridge.errors import BackendUnavailable, RunBroken
-from dem_bridge.leftovers import SHARED_MEMORY
+from dem_bridge.foundation.leftovers import SHARED_MEMORY
 from dem_bridge.lmp import child, process, worker
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import loading_worker, probe, require, run_deck
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from tests.helpers.processes import EventClock, all_end, happens
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)

@@ -13,8 +13,8 @@ import dem_bridge as db
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.bands import Bands, _crossings, measured_bands, unit_cell
 from dem_bridge.physics.dispersion import dispersion
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Cost, Trajectory
 
 FORCE, BETA = 10.0, 4e9
 LIGHT, HEAVY = 0.01, 0.025

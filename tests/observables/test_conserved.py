@@ -17,8 +17,8 @@ from dem_bridge.observables.conserved import (
     momentum_uncertainty,
     work,
 )
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.trajectory import UNKNOWN
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import UNKNOWN
 from tests.conftest import Solve
 from tests.helpers.driven_chains import DRIVES, PRESSED, SINE, TOUCHING, driven, free_body
 from tests.helpers.fake_runs import free_flight, uncertain

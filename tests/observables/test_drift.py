@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.stats import linregress
 
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.dense import Schedule
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.conserved import energy, energy_parts
 from dem_bridge.observables.drift import drift_of, swing_of
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.dense import Schedule
+from dem_bridge.trajectory.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 TIME = np.linspace(0.0, 2.0, 2001)

@@ -21,8 +21,8 @@ from dem_bridge.observables.errors import (
     relative_uncertainty,
 )
 from dem_bridge.observables.registry import LARGEST, OBSERVABLES, Observable
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight, uncertain
 
 SCENE = Scene(name="three", duration=1.0, mass=(1.0, 1.0, 1.0), stiffness=(1.0, 1.0), velocity=(1.0, 2.0, 3.0))

@@ -23,8 +23,8 @@ from dem_bridge.observables.fits import (
     speed_power_law,
     straight_line,
 )
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight, uncertain
 from tests.helpers.strategies import examples

@@ -10,8 +10,8 @@ import pytest
 
 from dem_bridge.observables.forces import contact_force_uncertainty, first_peak_force
 from dem_bridge.observables.interpolate import contact_motion
-from dem_bridge.scene import Adhesion, Damping, Scene, Wall
-from dem_bridge.trajectory import UNKNOWN
+from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import UNKNOWN
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight, uncertain
 

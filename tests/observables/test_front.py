@@ -29,8 +29,8 @@ from dem_bridge.observables.front import (
     residence_time_uncertainty,
 )
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight, uncertain
 from tests.helpers.quadruple_truth import Truth

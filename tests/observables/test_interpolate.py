@@ -10,9 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dem_bridge as db
-from dem_bridge.drive import Drive
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.features import DRAG, FEATURES, Feature
 from dem_bridge.observables.conserved import energy, energy_parts
 from dem_bridge.observables.interpolate import (
     KNOWN_FORCES,
@@ -25,7 +23,9 @@ from dem_bridge.observables.interpolate import (
     spacing,
     state_at,
 )
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.features import DRAG, FEATURES, Feature
+from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.fake_runs import free_flight
 from tests.helpers.strategies import examples
 from tests.helpers.waves import travelling_wave
@@ -195,7 +195,7 @@ def test_a_run_without_contact_forces_is_refused_by_the_name_of_its_backend() ->
 def test_forces_that_observables_do_not_know_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     magnet = Feature("a magnet", "A constant force acts on each body.", lambda scene: scene.name == "magnetic")
     for module in ("scene", "support"):
-        monkeypatch.setattr(f"dem_bridge.{module}.FEATURES", (*FEATURES, magnet))
+        monkeypatch.setattr(f"dem_bridge.scene.{module}.FEATURES", (*FEATURES, magnet))
     scene = Scene(name="magnetic", duration=1.0, mass=(2.0, 3.0, 5.0), stiffness=(7.0, 11.0), velocity=(1.0, 2.0, 3.0))
     for function in (acceleration, energy_parts, energy):
         with pytest.raises(UnsupportedScene, match="in magnetic cannot be computed: the scene has a magnet;"):

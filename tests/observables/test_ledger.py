@@ -10,7 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.observables.ledger import Ledger, energy_ledger
-from dem_bridge.scene import Damping, Scene
+from dem_bridge.scene.scene import Damping, Scene
 from tests.helpers.fake_runs import free_flight, uncertain
 
 E = 0.7

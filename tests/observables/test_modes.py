@@ -13,8 +13,8 @@ import dem_bridge as db
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.observables.modes import highest_frequencies, tangent_stiffness
 from dem_bridge.physics.dispersion import dispersion
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Cost, Trajectory
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Cost, Trajectory
 from tests.helpers.fake_runs import free_flight
 
 

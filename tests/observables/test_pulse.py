@@ -24,7 +24,7 @@ from dem_bridge.observables.pulse import (
     secondary_fronts,
     speed_ratio,
 )
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.fake_runs import NO_ERROR, free_flight, uncertain
 from tests.helpers.strategies import examples, log_uniform

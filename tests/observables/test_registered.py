@@ -12,10 +12,10 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.studies.study import Table
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Table
 from dem_bridge.studies.work_precision import curves as work_curves
 from dem_bridge.verification.checks import accuracy
-from dem_bridge.verification.verdict import Outcome
 from tests.helpers.command_line import run_here
 from tests.helpers.fake_runs import CHAIN
 from tests.helpers.registered import MEAN_VELOCITY, registered

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dem_bridge.drive import Drive
 from dem_bridge.errors import UsageError
-from dem_bridge.exports.table import UNITS
+from dem_bridge.formats.tables.table import UNITS
 from dem_bridge.observables.errors import read, relative_to
 from dem_bridge.observables.registry import AXES, OBSERVABLES, Observable, observable_named, register
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import VOCABULARY, Trajectory
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import VOCABULARY, Trajectory
 from tests.conftest import Solve
 from tests.helpers.export_chains import CROSSED, RAW
 from tests.helpers.fake_runs import free_flight, uncertain

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.front import local_stiffness
 from dem_bridge.observables.spectrum import Spectrum, cascade, frequency_spectrum, wavenumber_spectrum
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight
 from tests.helpers.strategies import examples

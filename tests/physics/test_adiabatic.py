@@ -16,7 +16,7 @@ from dem_bridge.physics import adiabatic
 from dem_bridge.physics.adiabatic import AdiabaticWave, adiabatic_wave, response
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.physics.solitary import solitary_wave
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from tests.helpers.strategies import examples, log_uniform
 
 EPS = float(np.finfo(float).eps)

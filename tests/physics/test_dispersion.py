@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.physics.contact import force
 from dem_bridge.physics.dispersion import Cell, Dispersion, dispersion
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.strategies import log_uniform
 
 masses = log_uniform(1e-4, 1e2)

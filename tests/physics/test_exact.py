@@ -21,7 +21,7 @@ from dem_bridge.physics.exact import (
     two_body_collision,
     wall_rebound,
 )
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.quadruple_truth import Truth
 from tests.helpers.strategies import log_uniform, stiffness_for
 

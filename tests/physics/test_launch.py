@@ -8,7 +8,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.physics.launch import _first_peak, launched
 from dem_bridge.physics.solitary import solitary_wave
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 
 @pytest.mark.parametrize("n", [2.5, 3.0, 3.5])

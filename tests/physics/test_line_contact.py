@@ -17,7 +17,7 @@ import dem_bridge as db
 from dem_bridge.physics.hertz import crossed_cylinders
 from dem_bridge.physics.law import check_law, law_of
 from dem_bridge.physics.line_contact import LineContact, cylinder_on_plane, parallel_cylinders
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from tests.helpers.strategies import log_uniform
 
 QUARTZ: dict[str, Any] = {"radius": 9e-3, "young": 72e9, "poisson": 0.17}

@@ -16,8 +16,8 @@ from scipy.integrate import quad
 import dem_bridge as db
 from dem_bridge.physics import solitary
 from dem_bridge.physics.solitary import SolitaryWave, solitary_wave, wave_shape
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.strategies import examples, log_uniform
 
 EPS = float(np.finfo(float).eps)

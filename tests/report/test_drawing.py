@@ -22,7 +22,7 @@ from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import picture_of_data
 from dem_bridge.report.scales import colour_limits
 from dem_bridge.report.strokes import STYLES, style_of
-from dem_bridge.studies.study import FigureData, Map, Panel, Series
+from dem_bridge.report.study import FigureData, Map, Panel, Series
 from tests.helpers.legibility import assert_legible
 
 X = np.arange(1.0, 41.0)

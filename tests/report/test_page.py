@@ -18,23 +18,23 @@ from PIL import Image
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Result
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.cells import KINDS, digits_of, number, sortable, typeset
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import compress_png
-from dem_bridge.report.junit import junit
 from dem_bridge.report.page import write_study
+from dem_bridge.report.study import Claim, Study
+from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Damping, Scene
-from dem_bridge.studies.study import Claim, Study
-from dem_bridge.studies.verification import SCHEMA, Verification, verification_of
-from dem_bridge.studies.verify import plan_scene
+from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.verification.assess import SceneStudy, assess_scene
+from dem_bridge.verification.junit import junit
 from dem_bridge.verification.roles import TWIN, engine_for
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.verification.verification import SCHEMA, Verification, verification_of
+from dem_bridge.verification.verify import plan_scene
 from tests.helpers.fake_paper import NOTHING, fake_paper
 from tests.helpers.fake_runs import free_flight
 

@@ -14,7 +14,7 @@ from dem_bridge.report.drawing import NOTEBOOK_WIDTH, WIDTH, draw_figure, draw_p
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.scales import colour_limits, groups_of_scale, power_of_ten, scale_together, set_scales
 from dem_bridge.report.strokes import STYLES
-from dem_bridge.studies.study import FigureData, Map, Panel, Series
+from dem_bridge.report.study import FigureData, Map, Panel, Series
 
 NAN = float("nan")
 

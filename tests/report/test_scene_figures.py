@@ -13,15 +13,21 @@ from matplotlib.figure import Figure
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Result
-from dem_bridge.report.figures import convergence, error_budget, front_along_chain, residence_panel, spacetime_maps
-from dem_bridge.report.motion import error_scale, motion
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
-from dem_bridge.verification.verdict import Outcome, Verdict
+from dem_bridge.verification.figures import (
+    convergence,
+    error_budget,
+    front_along_chain,
+    residence_panel,
+    spacetime_maps,
+)
+from dem_bridge.verification.motion import error_scale, motion
 
 
 def _chain(name: str, *stiffness: float, **more: Any) -> Scene:

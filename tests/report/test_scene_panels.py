@@ -15,17 +15,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import dem_bridge as db
-from dem_bridge.drive import Drive
 from dem_bridge.errors import UsageError
+from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.drawing import WIDTH
-from dem_bridge.report.figures import body_noun, budget_on, convergence, error_budget, front_along_chain, spacetime_maps
-from dem_bridge.report.motion import error_scale, motion
 from dem_bridge.report.strokes import style_of
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
-from dem_bridge.verification.verdict import Outcome, Verdict
+from dem_bridge.verification.figures import (
+    body_noun,
+    budget_on,
+    convergence,
+    error_budget,
+    front_along_chain,
+    spacetime_maps,
+)
+from dem_bridge.verification.motion import error_scale, motion
 from tests.report.test_scene_figures import SIX, TEN, _budget, _chain, _panels, _points, _study
 
 

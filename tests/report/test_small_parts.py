@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure as Canvas
 
-from dem_bridge.regression.compare import Change
-from dem_bridge.report import images, replay, strokes
+from dem_bridge.report import images, strokes
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.figure_csv import csv_texts
-from dem_bridge.report.page import study_files
-from dem_bridge.report.regressions import lines, tally
 from dem_bridge.report.scales import scale_together
-from dem_bridge.studies.study import FigureData, Map, Panel, Series, Study, Table
+from dem_bridge.report.study import FigureData, Map, Panel, Series, Study, Table
+from dem_bridge.verification import replay
+from dem_bridge.verification.regression.compare import Change
+from dem_bridge.verification.regression.shown import lines, tally
 
 
 def _panel(*series: Series, **settings: Any) -> Panel:
@@ -60,7 +60,7 @@ def test_two_parts_of_a_study_with_one_name_are_refused() -> None:
     table = Table(id="numbers", title="", caption="", columns=("x",), rows=())
     study = Study(id="twice", title="", answer=(), tables=(table, table), figures=())
     with pytest.raises(ValueError, match=r"study twice: two parts have the file name tables/numbers\.csv; allowed: di"):
-        study_files(study)
+        study.page_files()
 
 
 def test_an_empty_regression_is_a_line() -> None:

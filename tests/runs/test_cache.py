@@ -15,9 +15,9 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.cache import RunCache, load_run
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.uncertainty.estimate import solve
+from dem_bridge.runs.uncertainty.estimate import solve
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.campaign_cases import SHORT, short_case
 from tests.helpers.fake_runs import free_flight
 

@@ -9,18 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from dem_bridge import leftovers
-from dem_bridge.campaign import run_cases, tasks
-from dem_bridge.campaign.tasks import Task, Work, claim_of, perform_task
-from dem_bridge.leftovers import CLAIM, owned
+from dem_bridge.foundation import leftovers
+from dem_bridge.foundation.leftovers import CLAIM, owned
 from dem_bridge.runs import claims
+from dem_bridge.runs.campaign import run_cases, tasks
+from dem_bridge.runs.campaign.tasks import Task, Work, claim_of, perform_task
 from dem_bridge.runs.claims import claimed, is_held
 from dem_bridge.runs.store import LIMIT, Store
 from tests.helpers.campaign_cases import short_case
 from tests.helpers.processes import touched
 
 KEY = "k" * 64
-DEAD = "from dem_bridge.leftovers import owned; print(owned('claim'))"
+DEAD = "from dem_bridge.foundation.leftovers import owned; print(owned('claim'))"
 
 
 def _claim(folder: Path, owner: str, age: float = 0.0) -> Path:

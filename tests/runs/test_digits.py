@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge import kernel_folders
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import run_cases
+from dem_bridge.foundation import kernel_folders
 from dem_bridge.runs import digits
+from dem_bridge.runs.campaign import run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import SUFFIX, Store
 from tests.helpers.three_bodies import THREE

@@ -18,7 +18,7 @@ from dem_bridge.runs import inspect, keys
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.code import code_of_run
 from dem_bridge.runs.store import DAMAGED, SUFFIX, VARIABLE, Store
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
 
@@ -113,7 +113,7 @@ def test_the_commands_show_a_store(kept: Store, monkeypatch: pytest.MonkeyPatch,
     assert listed.output.splitlines()[-1].startswith("2 entries")
     assert len(json.loads(runner.invoke(main, ["store", "list", "pair", "--json"]).output)) == 2
     assert json.loads(runner.invoke(main, ["store", "list", "other", "--json"]).output) == []
-    from dem_bridge.scene_file.text import scene_toml
+    from dem_bridge.scene.file.text import scene_toml
 
     file = tmp_path / "pair.toml"
     file.write_text(scene_toml(PAIR), encoding="utf-8")

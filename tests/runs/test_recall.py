@@ -19,11 +19,11 @@ from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.observables import registry
 from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.runs import keys
 from dem_bridge.runs.recall import _class, recall, recall_prescan
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.verification.verdict import Outcome, Verdict
+from dem_bridge.scene.scene import Scene
 from tests.helpers.fake_paper import fake_paper
 
 VERDICT = Verdict(

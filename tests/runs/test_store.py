@@ -29,8 +29,8 @@ from dem_bridge.runs import code, keys
 from dem_bridge.runs import store as module
 from dem_bridge.runs.keys import run_key, study_key
 from dem_bridge.runs.store import Store, default_folder
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.trajectory import QUANTITIES, VOCABULARY, Trajectory, Uncertainty
+from dem_bridge.scene.scene import Damping, Scene, Wall
+from dem_bridge.trajectory.trajectory import QUANTITIES, VOCABULARY, Trajectory, Uncertainty
 from tests.conftest import Solve
 from tests.helpers.fake_runs import free_flight
 from tests.helpers.three_bodies import THREE
@@ -258,7 +258,7 @@ def test_the_key_of_a_run_without_uncertainty_is_another_and_ignores_the_code_of
 ) -> None:
     assert _key(uncertainty=False) != _key()
     before = _key(), _key(uncertainty=False)
-    monkeypatch.setattr(keys, "code_of_run", _changed_file("uncertainty/twins.py"))
+    monkeypatch.setattr(keys, "code_of_run", _changed_file("runs/uncertainty/twins.py"))
     assert (_key() == before[0], _key(uncertainty=False) == before[1]) == (False, True)
 
 

@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 
 import dem_bridge as db
-from dem_bridge import campaign
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.bands import unit_cell
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Study
+from dem_bridge.runs import campaign
+from dem_bridge.scene.file import load_scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies import bands
 from dem_bridge.studies.bands import study_bands
-from dem_bridge.studies.study import Study
-from dem_bridge.verification.verdict import Outcome
 
 CHIRP = db.Drive(shape="chirp", force=0.02, frequency=600.0, last_frequency=11.4e3, sweep=25e-3)
 #: 12 bodies and 200 periods of the highest frequency: half a per cent is resolved

@@ -25,14 +25,14 @@ from dem_bridge.cli.studies import documentation, parameters_of
 from dem_bridge.cli.studies import study as group
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.cells import typeset
 from dem_bridge.report.images import alternative_text, inline
 from dem_bridge.report.page import write_study
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file.text import scene_toml
+from dem_bridge.report.study import FigureData, Panel, Series, Study, Table
+from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies import catalogue
-from dem_bridge.studies.study import FigureData, Panel, Series, Study, Table
-from dem_bridge.verification.verdict import Outcome, Verdict
 from tests.helpers.small_stability import small_stability
 
 

@@ -16,21 +16,21 @@ from click.testing import CliRunner
 import dem_bridge as db
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend, supports_of
 from dem_bridge.backends.verlet import Verlet
-from dem_bridge.campaign import Crashed, Result
 from dem_bridge.cli import main
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.runs.campaign import Crashed, Result
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.runs.uncertainty import fixed_step
+from dem_bridge.runs.uncertainty.family import TwinFamily
+from dem_bridge.runs.uncertainty.fixed_step import fixed_step_uncertainty
+from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.studies.extremes.catalogue import catalogue
 from dem_bridge.studies.extremes.entry import chain, checked, expectation, kinds
 from dem_bridge.studies.extremes.judge import Expected, Finding, Standard, Word, judge, outcome
 from dem_bridge.studies.extremes.study import Row, _plan, _standard, answer, rows_of
 from dem_bridge.studies.extremes.truths import apart, galilei, mirrored, two_bodies
-from dem_bridge.trajectory import UNKNOWN, Trajectory, Uncertainty
-from dem_bridge.uncertainty import fixed_step
-from dem_bridge.uncertainty.family import TwinFamily
-from dem_bridge.uncertainty.fixed_step import fixed_step_uncertainty
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.trajectory.trajectory import UNKNOWN, Trajectory, Uncertainty
 from tests.helpers.fake_runs import free_flight
 
 ALL = catalogue()

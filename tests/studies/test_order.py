@@ -14,13 +14,13 @@ from dem_bridge.backends import blanes_moan
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.splitting import Method
 from dem_bridge.errors import UsageError
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.scene_file import load_scene
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Study
+from dem_bridge.scene.file import load_scene
+from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.studies.order import conditioning, tolerance, touch
 from dem_bridge.studies.order import study as order_study
-from dem_bridge.studies.study import Study
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.trajectory.trajectory import Trajectory
 
 CHAIN = Scene(
     name="four",

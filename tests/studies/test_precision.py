@@ -13,8 +13,8 @@ import pytest
 from dem_bridge.backends import precision
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.scene import Damping
-from dem_bridge.scene_file import load_scene
+from dem_bridge.scene.file import load_scene
+from dem_bridge.scene.scene import Damping
 from dem_bridge.studies.precision import REAL, SAMPLES, SURROGATE, Rounded, errors_of, study_precision
 
 THREE = load_scene("sphere-cylinder-sphere")

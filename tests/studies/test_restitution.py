@@ -9,16 +9,16 @@ from typing import Any
 import pytest
 
 import dem_bridge as db
-from dem_bridge import campaign
 from dem_bridge.errors import UsageError
+from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.impact import alpha_of_restitution, restitution_obtained
-from dem_bridge.scene import Scene
+from dem_bridge.report.study import Study
+from dem_bridge.runs import campaign
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.restitution import study as module
 from dem_bridge.studies.restitution.bounces import bounce_cases, bounces_of
 from dem_bridge.studies.restitution.impacts import LAWS, USUAL, VARIED, usual_impact, varied_impacts
 from dem_bridge.studies.restitution.study import study_restitution
-from dem_bridge.studies.study import Study
-from dem_bridge.verification.verdict import Outcome
 
 
 def rows(study: Study, table: str = "impacts") -> list[dict[str, Any]]:

@@ -10,11 +10,13 @@ import pytest
 from hypothesis import given
 
 import dem_bridge as db
-from dem_bridge.campaign import Result, run_case
 from dem_bridge.errors import BackendUnavailable, RunBroken
+from dem_bridge.report.study import Study, Table
+from dem_bridge.runs.campaign import Result, run_case
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.scene_file import load_scene
+from dem_bridge.scene.file import load_scene
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.scene.timescales import rayleigh_time_of
 from dem_bridge.studies.rule_of_thumb import (
     MOST_SAMPLES,
     SHARES,
@@ -24,8 +26,6 @@ from dem_bridge.studies.rule_of_thumb import (
     study_rule_of_thumb,
     table,
 )
-from dem_bridge.studies.study import Study, Table
-from dem_bridge.timescales import rayleigh_time_of
 from tests.helpers.strategies import log_uniform
 
 CHAIN = replace(load_scene("decelerating-40"), name="short", duration=3e-4)
@@ -135,7 +135,7 @@ def test_without_lammps_the_twin_still_answers(monkeypatch: pytest.MonkeyPatch) 
             return Result(case=case, failure=BackendUnavailable("no engine here"))
         return run_case(case, **settings)
 
-    monkeypatch.setattr("dem_bridge.campaign.tasks.run_case", missing)
+    monkeypatch.setattr("dem_bridge.runs.campaign.tasks.run_case", missing)
     found = _chain_study()
     assert "the velocity error of velocity-Verlet on short is" in found.answer[0]
     assert not found.tables[1].rows

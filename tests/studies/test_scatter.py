@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.campaign import Result, run_cases
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
-from dem_bridge.scene import Scene
+from dem_bridge.runs.campaign import Result, run_cases
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.scatter import (
     LEAST_ANGLE,
     ScatteredChains,

@@ -10,7 +10,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.ensembles.sensitivity import Indices
 from dem_bridge.errors import UsageError
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.sensitivity import _interactions, _largest, study_sensitivity
 
 THREE = Scene(name="three", duration=1.5e-4, mass=(0.01, 0.015, 0.02), stiffness=(2e10, 1e10), velocity=(0.8, 0.0, 0.0))

@@ -17,9 +17,9 @@ from dem_bridge.lmp import variants
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.variants import flat_walls, hertz_material, newton_off, with_restart
-from dem_bridge.scene import Adhesion, Damping, Scene, Wall
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.studies.styles import COLUMNS, LEAST_SHOWN, WAYS, Base, Row, Way, base_of, rows_of, study_of
-from dem_bridge.verification.verdict import Outcome
 
 pytestmark = pytest.mark.lammps
 

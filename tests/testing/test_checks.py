@@ -13,11 +13,11 @@ import pytest
 
 from dem_bridge.backends.base import BACKENDS, Availability, Resolution, Sampling, backend
 from dem_bridge.errors import RunBroken
-from dem_bridge.features import DRAG, FEATURES, GAPS, GRAVITY, TSUJI
-from dem_bridge.scene import Scene
-from dem_bridge.support import Condition, Exponents, Support
+from dem_bridge.scene.features import DRAG, FEATURES, GAPS, GRAVITY, TSUJI
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Condition, Exponents, Support
 from dem_bridge.testing import Check, ExactPair, backend_checks, check_backend
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 
 
 def _of_catalogue() -> Iterator[Any]:

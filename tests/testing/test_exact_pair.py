@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.testing import ExactPair, plain_scene
-from dem_bridge.trajectory import QUANTITIES
+from dem_bridge.trajectory.trajectory import QUANTITIES
 from tests.conftest import Solve
 
 PAIR = plain_scene(2, exponent=2.0)

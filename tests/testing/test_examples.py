@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.backends.base import BACKENDS, supports_of
-from dem_bridge.features import (
+from dem_bridge.scene.features import (
     DASHPOT,
     DRAG,
     FEATURES,
@@ -17,7 +17,7 @@ from dem_bridge.features import (
     OTHER_EXPONENTS,
     Feature,
 )
-from dem_bridge.support import Exponents, Support
+from dem_bridge.scene.support import Exponents, Support
 from dem_bridge.testing import ExactPair, example, plain_scene
 from dem_bridge.testing.checks import TOLERANCE
 from dem_bridge.testing.examples import EXAMPLES

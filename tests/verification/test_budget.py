@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import QUANTITIES, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification.budget import Budget, budgets
 
 #: a light body between heavy ones, hit from both sides: it re-collides some times

@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import pytest
 
-from dem_bridge.regression import compare
-from dem_bridge.scene import Scene
+from dem_bridge.observables import verdict
+from dem_bridge.observables.verdict import Outcome, judge
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies import styles
-from dem_bridge.trajectory import UNKNOWN, Trajectory
-from dem_bridge.verification import checks, verdict
-from dem_bridge.verification.verdict import Outcome, judge
+from dem_bridge.trajectory.trajectory import UNKNOWN, Trajectory
+from dem_bridge.verification import checks
+from dem_bridge.verification.regression import compare
 from tests.helpers.fake_runs import free_flight, uncertain
 
 SCENE = Scene(name="three", duration=1.0, mass=(2.0, 4.0, 8.0), stiffness=(100.0, 100.0), velocity=(1.0, 2.0, 3.0))

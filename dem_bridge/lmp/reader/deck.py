@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from dem_bridge.checked import whole_number
 from dem_bridge.errors import SceneError
+from dem_bridge.foundation.checked import whole_number
 from dem_bridge.lmp.reader import liggghts
 from dem_bridge.lmp.reader.fixes import Fixes, Forces
 from dem_bridge.lmp.reader.pairs import Pairs

@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.checked import whole_number
 from dem_bridge.errors import BlockedScript, SceneError
+from dem_bridge.foundation.checked import whole_number
 from dem_bridge.lmp.coefficients import BY_EFFECTIVE_MASS, DAMPINGS
 from dem_bridge.lmp.reader import liggghts
 from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.fixes import Forces
 from dem_bridge.lmp.reader.line import Line, axis_of, line_of
 from dem_bridge.lmp.reader.script import Opened
-from dem_bridge.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
+from dem_bridge.scene.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
 
 #: round-off of the few operations between K and beta, and between density and mass
 ROUND_OFF = 3.0 * 2.0**-52

@@ -14,8 +14,11 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
-from dem_bridge.campaign import Jobs, Progress, map_in_threads
-from dem_bridge.scene import Scene
+from dem_bridge.observables.verdict import Verdict, judge
+from dem_bridge.report.study import FigureData, Series, Study, check_setting
+from dem_bridge.report.texts import Texts
+from dem_bridge.runs.campaign import Jobs, Progress, map_in_threads
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.energy.walk import (
     BEAD,
     BOX,
@@ -27,12 +30,9 @@ from dem_bridge.studies.energy.walk import (
     read_touches,
     second_term,
 )
-from dem_bridge.studies.study import FigureData, Series, Study, check_setting
-from dem_bridge.studies.texts import Texts
-from dem_bridge.trajectory import Floats
-from dem_bridge.verification.verdict import Verdict, judge
+from dem_bridge.trajectory.trajectory import Floats
 
-TEXTS = Texts("energy")
+TEXTS = Texts("energy", "dem_bridge.studies")
 #: s: some fifty steps in a contact; the method of order 4 evaluates six forces in its step, and gets the same number
 STEP = 1e-6
 #: s: time of a contact. The jumps neglect terms of relative size (step / contact time), because other contacts

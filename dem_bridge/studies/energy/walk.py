@@ -18,8 +18,8 @@ from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.backends.splitting import Method
 from dem_bridge.backends.twin import VERLET
 from dem_bridge.physics.touch import touch_coefficients, touch_rms
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Floats
 
 #: the methods whose jumps are predicted
 METHODS: Mapping[str, Method] = {"verlet": VERLET, "blanes-moan": SRKN_6B}

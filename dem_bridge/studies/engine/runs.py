@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from dem_bridge.campaign import Jobs, Progress, map_in_threads
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import run_deck, workspace
+from dem_bridge.runs.campaign import Jobs, Progress, map_in_threads
 from dem_bridge.studies.engine.impacts import Impact, Steps, deck_of
 from dem_bridge.studies.engine.motion import Motion
 

@@ -16,20 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.campaign import Jobs, Progress
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.process import require
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.study import EFFECTS, FigureData, Series, Study
+from dem_bridge.report.texts import Texts
+from dem_bridge.runs.campaign import Jobs, Progress
 from dem_bridge.studies.engine.causes import AND, NOT_A_NUMBER, TOLERANCE, causes_of
 from dem_bridge.studies.engine.impacts import DAMPINGS, WRITTEN, Impact, Steps, catalogue
 from dem_bridge.studies.engine.motion import Exact, Motion, closed_form, exact, twins
 from dem_bridge.studies.engine.runs import EngineRun, run_impacts
-from dem_bridge.studies.study import EFFECTS, FigureData, Series, Study
-from dem_bridge.studies.texts import Texts
-from dem_bridge.verification.verdict import Outcome, Verdict
 
-TEXTS = Texts("engine")
+TEXTS = Texts("engine", "dem_bridge.studies")
 #: steps of a contact, steps of a run and steps between two samples
 CONTACT_STEPS, STEPS, EVERY = 16_000, 17_600, 400
 #: difference between the twin's restitution and the exact one, by the time step; the largest is 4e-5

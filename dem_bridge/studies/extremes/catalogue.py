@@ -16,9 +16,11 @@ from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.tabled import tables_for
 from dem_bridge.lmp.pairing import TableSet
 from dem_bridge.physics.hertz import crossed_cylinders
+from dem_bridge.report.texts import Texts
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.scene_file import load_scene
+from dem_bridge.runs.uncertainty.estimate import solve
+from dem_bridge.scene.file import load_scene
+from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.studies.extremes import truths
 from dem_bridge.studies.extremes.entry import (
     BETA,
@@ -37,8 +39,6 @@ from dem_bridge.studies.extremes.entry import (
 )
 from dem_bridge.studies.extremes.judge import Expected, Word
 from dem_bridge.studies.extremes.truths import Truth, by_others, scaled, two_bodies
-from dem_bridge.studies.texts import Texts
-from dem_bridge.uncertainty.estimate import solve
 
 #: theories need a single pulse into a touching chain at rest
 MOVING = theories_refuse("bodies behind the first that move")
@@ -58,7 +58,7 @@ def angles() -> Iterator[Entry]:
 
 def listed(group: str) -> Iterator[Entry]:
     """Yield the entries of a group in the file of the catalogue."""
-    for item in map(dict, Texts("extremes-catalogue").data[group]):
+    for item in map(dict, Texts("extremes-catalogue", "dem_bridge.studies").data[group]):
         scene = chain(item.pop("name"), **item.pop("chain", {}))
         expected = {kind: refused(because) for kind, because in item.pop("refused", {}).items()}
         expected |= {kind: Expected(Word(word)) for kind, word in item.pop("expected", {}).items()}

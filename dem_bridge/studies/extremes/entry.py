@@ -10,7 +10,7 @@ from typing import Any
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, backend
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.extremes.judge import Expected, Word
 from dem_bridge.studies.extremes.truths import Truth, by_others
 

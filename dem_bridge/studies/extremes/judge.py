@@ -14,10 +14,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from dem_bridge.campaign import Crashed, Result
 from dem_bridge.errors import BackendUnavailable
-from dem_bridge.trajectory import QUANTITIES, Trajectory, own_scale
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.runs.campaign import Crashed, Result
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory, own_scale
 
 #: of the largest velocity: a bar as large as that leaves nothing known
 WHOLE = 1.0

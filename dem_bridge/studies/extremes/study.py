@@ -12,21 +12,21 @@ import numpy as np
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend, supports_of
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Jobs, Progress, Result, run_case, run_cases
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.study import FigureData, Series, Study, Table
+from dem_bridge.report.texts import Texts
+from dem_bridge.runs.campaign import Jobs, Progress, Result, run_case, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.extremes.catalogue import catalogue
 from dem_bridge.studies.extremes.entry import Entry, expectation, kinds
 from dem_bridge.studies.extremes.judge import Expected, Finding, Standard, Word, judge, outcome
 from dem_bridge.studies.extremes.truths import Truth, witness
-from dem_bridge.studies.study import FigureData, Series, Study, Table
-from dem_bridge.studies.texts import Texts
-from dem_bridge.verification.verdict import Outcome, Verdict
 
-TEXTS = Texts("extremes")
+TEXTS = Texts("extremes", "dem_bridge.studies")
 #: errors that are less, or more, than this part of both bars are drawn here
 LEAST, MOST = 1e-3, 1e3
 #: names beside one pair of axes

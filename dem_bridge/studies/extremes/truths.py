@@ -16,8 +16,8 @@ import numpy as np
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.reference import SERIES
 from dem_bridge.physics.exact import scaling, two_body_collision
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import FREE, QUANTITIES, Floats, Trajectory, Uncertainty
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import FREE, QUANTITIES, Floats, Trajectory, Uncertainty
 
 EPS = float(np.finfo(float).eps)
 #: a truth comes from the first of these that is not the judged code itself

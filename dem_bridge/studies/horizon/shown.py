@@ -8,15 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.study import FigureData, Series, Table
+from dem_bridge.report.texts import Texts, verdict_table
 from dem_bridge.studies.horizon.runs import KNOWN, Found, LongRun, horizon_of
 from dem_bridge.studies.horizon.verdicts import independent_from
-from dem_bridge.studies.study import FigureData, Series, Table
-from dem_bridge.studies.texts import Texts, verdict_table
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
-from dem_bridge.verification.verdict import Outcome, Verdict
 
-TEXTS = Texts("horizon")
+TEXTS = Texts("horizon", "dem_bridge.studies")
 #: points of a line of a long run, and least value that is drawn
 _POINTS, _LEAST = 1000, 1e-18
 

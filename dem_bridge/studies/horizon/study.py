@@ -19,20 +19,20 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_dense, solve_plan
-from dem_bridge.campaign import Jobs, Progress, run_cases
-from dem_bridge.dense import MOST_STEPS
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.report.study import Study, check_setting
+from dem_bridge.runs.campaign import Jobs, Progress, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
+from dem_bridge.runs.uncertainty.twins import twin_family
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.timescales import contact_time_of
 from dem_bridge.studies.horizon import runs
 from dem_bridge.studies.horizon.shown import TEXTS, answer, figures, tables
 from dem_bridge.studies.horizon.verdicts import verdicts
-from dem_bridge.studies.study import Study, check_setting
-from dem_bridge.timescales import contact_time_of
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.uncertainty.twins import twin_family
+from dem_bridge.trajectory.dense import MOST_STEPS
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN, engine_for
 
 #: relative perturbation of every input, and of one in its last digit

@@ -8,14 +8,14 @@ import numpy as np
 
 from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
 from dem_bridge.observables.drift import BLOCKS
-from dem_bridge.scene import Scene
+from dem_bridge.observables.verdict import Outcome, Verdict, judge, judge_relative
+from dem_bridge.report.texts import Texts
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.horizon.runs import KNOWN, Found, Trust
-from dem_bridge.studies.texts import Texts
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
-from dem_bridge.verification.verdict import Outcome, Verdict, judge, judge_relative
 
-TEXTS = Texts("horizon")
+TEXTS = Texts("horizon", "dem_bridge.studies")
 #: perturbed runs are independent from when the nearest two are this far apart, of the largest speed
 INDEPENDENT = 0.1
 #: of the duration that must be left then for statistics over time

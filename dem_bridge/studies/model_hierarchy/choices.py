@@ -11,15 +11,15 @@ import numpy as np
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, supports_of
 from dem_bridge.backends.steps import default_step
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Result
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.scene import Scene
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.runs.campaign import Result
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.model_hierarchy.model_terms import TEXTS, angles_soften, crossed, hertzian
 from dem_bridge.studies.model_hierarchy.models import Bench, Least, ModelHierarchy, Tried
 from dem_bridge.studies.model_hierarchy.passage import Effect, Effects, Readings, effects
 from dem_bridge.studies.scatter import scattered
-from dem_bridge.verification.verdict import Outcome
 
 #: what is only suspected: drag (1/s), the overlap (m) at which softer contacts have Hertz' force
 DRAG, ANCHOR = 10.0, 5e-6

@@ -14,12 +14,12 @@ from typing import Any, Literal
 import numpy as np
 
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.geometry import Body, Geometry
-from dem_bridge.scene import Damping, Scene, Wall
-from dem_bridge.scene_file.physical import rounded
-from dem_bridge.studies.texts import Texts
+from dem_bridge.report.texts import Texts
+from dem_bridge.scene.file.physical import rounded
+from dem_bridge.scene.geometry import Body, Geometry
+from dem_bridge.scene.scene import Damping, Scene, Wall
 
-TEXTS = Texts("model-hierarchy")
+TEXTS = Texts("model-hierarchy", "dem_bridge.studies")
 GRAVITY = 9.81
 #: holds the chain together before the impact and does nothing else: N
 BARELY = 1e-6

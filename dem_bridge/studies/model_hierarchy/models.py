@@ -13,21 +13,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.observables.accuracy import checked_accuracy
 from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import check_setting
+from dem_bridge.runs.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.model_hierarchy import passage
 from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, ModelTerm, model, model_terms_of, named, needs
 from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effects, Readings, effects, last_counted
-from dem_bridge.studies.study import check_setting
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, TWIN
-from dem_bridge.verification.verdict import Outcome
 
 #: of the arrival at the end of the fullest model: another may be so much later
 PASSAGE = 1.3

@@ -23,9 +23,9 @@ import numpy as np
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.errors import Reading, Window, read, relative_to
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.verdict import Outcome, judge
+from dem_bridge.observables.verdict import Outcome, judge
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 
 _TIMES = ("arrival_at_end", "residence_time", "peak_velocity")
 #: window -> observables that are judged unless others are named. Velocities at samples are not: where the front is a

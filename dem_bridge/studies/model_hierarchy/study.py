@@ -11,18 +11,18 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from dem_bridge.campaign import Jobs, Progress
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Panel, Series, Study, Table, check_setting
+from dem_bridge.runs.campaign import Jobs, Progress
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.model_hierarchy import models
 from dem_bridge.studies.model_hierarchy.choices import DRAWS, cheapest, choices, doubts
 from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, TEXTS, named
 from dem_bridge.studies.model_hierarchy.models import Bench, Least, LeftOut, ModelHierarchy, Tried
 from dem_bridge.studies.model_hierarchy.passage import FIRST, JUDGED, Effects, first_counted, largest
-from dem_bridge.studies.study import Panel, Series, Study, Table, check_setting
-from dem_bridge.verification.verdict import Outcome
 
 #: below the accuracy, what a figure still shows
 LEAST_SHOWN = 1e-3

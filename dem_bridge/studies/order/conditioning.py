@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Jobs, Progress, run_cases
 from dem_bridge.errors import RunBroken
 from dem_bridge.observables.errors import read
+from dem_bridge.observables.verdict import Outcome, Verdict, judge_relative
 from dem_bridge.physics.exact import Scaling, scaling
+from dem_bridge.runs.campaign import Jobs, Progress, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.order.touch import REFERENCE, TEXTS, with_stiffness
-from dem_bridge.trajectory import Floats, Trajectory
-from dem_bridge.verification.verdict import Outcome, Verdict, judge_relative
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 PARAMETERS = ("velocity", "stiffness", "mass")
 #: observable of a front -> the quantity that it is proportional to, and the power

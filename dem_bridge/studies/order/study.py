@@ -11,19 +11,19 @@ import numpy as np
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.backends.reference import SERIES
-from dem_bridge.campaign import Jobs, Progress, run_cases
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.physics.touch import touch_coefficient
+from dem_bridge.report.study import FigureData, Series, Study
+from dem_bridge.runs.campaign import Jobs, Progress, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene
+from dem_bridge.scene.file import load_scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.order import touch
 from dem_bridge.studies.order.conditioning import PARAMETERS, ConditionNumber, conditions, verdict
 from dem_bridge.studies.order.tolerance import INTEGRATORS, TOLERANCES, Row, tolerance_rows
 from dem_bridge.studies.order.touch import TEXTS, ChainErrors, PairErrors
-from dem_bridge.studies.study import FigureData, Series, Study
-from dem_bridge.trajectory import Floats
+from dem_bridge.trajectory.trajectory import Floats
 
 DEFAULT_SCENE = "decelerating-40"
 #: velocity errors whose cost is stated

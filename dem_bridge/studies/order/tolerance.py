@@ -13,8 +13,8 @@ from dem_bridge.backends.reference import Reference
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.backends.scipy_dop853 import ScipyDop853
 from dem_bridge.errors import RunBroken
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))
 #: absolute over relative tolerance of ode45, m and m/s

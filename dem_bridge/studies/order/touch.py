@@ -13,20 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge import features
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.blanes_moan import ORDER, SRKN_6B
 from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.observables.verdict import Verdict, judge
 from dem_bridge.physics.exact import scaling, two_body_collision
 from dem_bridge.physics.touch import touch_coefficient
+from dem_bridge.report.texts import Texts
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
-from dem_bridge.studies.texts import Texts
-from dem_bridge.support import Support
-from dem_bridge.trajectory import Floats, Trajectory
-from dem_bridge.verification.verdict import Verdict, judge
+from dem_bridge.scene import features
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Support
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
-TEXTS = Texts("order")
+TEXTS = Texts("order", "dem_bridge.studies")
 REFERENCE, METHOD, VERLET = "reference", "blanes-moan", "verlet"
 #: steps of the pair until the end of its run, this share of the contact time after the touch
 COUNTS, SPAN = (16, 32, 64, 128, 256, 512), 0.4

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Claim, ClaimValue, Margin
+from dem_bridge.report.texts import fill
 from dem_bridge.studies.paper.measures import Measure, inside, measured
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.studies.paper.texts import CLAIMS
-from dem_bridge.studies.study import Claim, ClaimValue, Margin
-from dem_bridge.studies.texts import fill
 from dem_bridge.verification.roles import REFERENCE
-from dem_bridge.verification.verdict import Outcome
 
 #: backends whose values decide the outcome, as far as they have run
 DECIDE = (REFERENCE, "lammps")

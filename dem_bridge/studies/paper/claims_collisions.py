@@ -9,18 +9,18 @@ import numpy as np
 from dem_bridge.observables.fits import inner_bodies
 from dem_bridge.observables.pulse import speed_ratio
 from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.scene import Scene
+from dem_bridge.report.study import Claim, ClaimValue
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.claims import claim, exact, heard, printed, sentence_numbers, together
 from dem_bridge.studies.paper.claims_pulses import WELL
 from dem_bridge.studies.paper.measures import at_body
 from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs
 from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.studies.paper.theories import FIRST, LAST, deviation
-from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE
-from dem_bridge.verification.verdict import Outcome
 
 #: cylinders of V_in and V_out, first and last, that a reader could choose: between both ends and including them
 INNER_ENDS, ALL_ENDS = ((2, 6), (35, 38)), ((1, 6), (35, 39))

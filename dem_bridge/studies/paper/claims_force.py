@@ -11,8 +11,10 @@ from dem_bridge.observables.errors import reduced
 from dem_bridge.observables.fits import Slope, force_exponent, log_velocity_slope
 from dem_bridge.observables.front import local_speed_constant
 from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.exact import solitary_wave, two_body_collision
-from dem_bridge.scene import Scene
+from dem_bridge.report.study import Claim, ClaimValue
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.claims import (
     DECIDE,
     by,
@@ -29,10 +31,8 @@ from dem_bridge.studies.paper.claims_wave import SPEED_RATIO
 from dem_bridge.studies.paper.measures import THEORIES, Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, COARSE, DECELERATING, GRADIENTS, JUDGES, LONG, Runs
 from dem_bridge.studies.paper.texts import CLAIMS
-from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.roles import REFERENCE, engine_for
-from dem_bridge.verification.verdict import Outcome
 
 #: relative deviation of an exponent up to which the agreement is remarkable
 REMARKABLE = 0.02

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.geometry import Elastic
 from dem_bridge.observables.pulse import pulse_width_by_force
 from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.contact import cylinder_stiffness_paper
 from dem_bridge.physics.hertz import crossed_cylinders, sphere_on_cylinder
-from dem_bridge.scene import Scene
+from dem_bridge.report.study import Claim, ClaimValue
+from dem_bridge.scene.geometry import Elastic
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.model_hierarchy.model_terms import GRAVITY, quartz_sphere
 from dem_bridge.studies.paper.claims import Limits, claim, exact, printed, together
 from dem_bridge.studies.paper.effects import relative_changes
@@ -22,10 +24,8 @@ from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs
 from dem_bridge.studies.paper.runs import WEIGHED as WEIGHED_RUNS
 from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.studies.paper.validity import JUDGED, LEAST, contact_validity
-from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE
-from dem_bridge.verification.verdict import Outcome
 
 #: accuracy at which the study asks what may be left out of the paper's chains
 NEGLIGIBLE = 0.01

@@ -9,12 +9,12 @@ from typing import Any
 from dem_bridge.observables.pulse import front_window, pulse_shapes, pulse_width_by_force, secondary_fronts
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.physics.exact import solitary_wave
-from dem_bridge.scene import Scene
+from dem_bridge.report.study import Claim, ClaimValue
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.claims import Limits, by, claim, decided, exact, heard, together
 from dem_bridge.studies.paper.measures import Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, LONG, MAIN, MATCHED, MISMATCHED, TAPERS, Runs
-from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 
 #: a front keeps its energy, kinetic energy or width if it changes by at most a tenth, in whatever chain
 KEPT = 0.9

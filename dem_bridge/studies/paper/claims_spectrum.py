@@ -11,13 +11,13 @@ import numpy as np
 
 from dem_bridge.observables.pulse import pulse_width_by_force
 from dem_bridge.observables.spectrum import cascade, frequency_spectrum, wavenumber_spectrum
-from dem_bridge.scene import Scene
+from dem_bridge.report.study import Claim
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.claims import Limits, by, claim, decided, heard
 from dem_bridge.studies.paper.claims_pulses import KEPT, KINETIC, SINGLE, tapered
 from dem_bridge.studies.paper.measures import Measure
 from dem_bridge.studies.paper.runs import LONG, Runs
-from dem_bridge.studies.study import Claim
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 
 #: ratio of the centroid at the end to that at the start from which on the shift counts as a cascade
 CASCADES = 1.2

@@ -11,7 +11,9 @@ import numpy as np
 from dem_bridge.observables.fits import speed_power_law
 from dem_bridge.observables.pulse import speed_ratio
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.scene import Scene
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Claim, ClaimValue
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.claims import Limits, claim
 from dem_bridge.studies.paper.claims_collisions import arrivals, residences
 from dem_bridge.studies.paper.claims_pulses import NO_SCATTERING, followers, striker_shares
@@ -20,10 +22,8 @@ from dem_bridge.studies.paper.measures import Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, MAIN, Runs
 from dem_bridge.studies.paper.theories import profiled
 from dem_bridge.studies.scatter import ScatteredChains
-from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE
-from dem_bridge.verification.verdict import Outcome
 
 #: a ratio of the largest to the smallest velocity above this is a large variation
 LARGE = 1.5

@@ -18,12 +18,12 @@ from dem_bridge.observables.pulse import front_window, pulse_width_by_force, sec
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.spectrum import Spectrum, cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.physics.exact import solitary_wave
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper import claims_force, claims_numbers, claims_pulses, claims_spectrum, claims_wave
 from dem_bridge.studies.paper.margins import Criterion, Read
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, GRADIENTS, LONG, MAIN, MISMATCHED, TAPERS, Runs
 from dem_bridge.studies.paper.validity import contact_validity
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: windows of a chain of 40: cylinders of V_in and V_out, of profiles, and from a quarter to nine tenths
 SPEEDS, PROFILES, QUARTER = (3, 38), (5, 37), (10, 36)

@@ -19,12 +19,12 @@ from dem_bridge.backends.bca import BinaryCollisions
 from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
 from dem_bridge.observables.registry import Reader
 from dem_bridge.physics.statics import static_overlap
-from dem_bridge.scene import Damping, Scene
-from dem_bridge.scene_file.physical import rounded
+from dem_bridge.report.study import Table
+from dem_bridge.scene.file.physical import rounded
+from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.studies.model_hierarchy import model_terms
 from dem_bridge.studies.paper.texts import PAPER, TERMS
-from dem_bridge.studies.study import Table
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 
 #: overlaps at which contacts with another exponent have the same force as Hertz', m: small and large ones of the wave
 ANCHORS = {"exponent-1um": 1e-6, "exponent-5um": 5e-6}

@@ -11,12 +11,12 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Claim, Margin
+from dem_bridge.report.texts import fill
 from dem_bridge.studies.paper.claims import by
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.studies.paper.texts import CLAIMS
-from dem_bridge.studies.study import Claim, Margin
-from dem_bridge.studies.texts import fill
-from dem_bridge.verification.verdict import Outcome
 
 #: another limit is within reason if it is at most this factor from ours
 WITHIN_REASON, WITHIN_A_QUARTER = 1.25, "a limit changed by a factor of up to 1.25"

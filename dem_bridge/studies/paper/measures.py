@@ -14,13 +14,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from dem_bridge.differences import SAMPLED
 from dem_bridge.errors import DemBridgeError
+from dem_bridge.observables.differences import SAMPLED
 from dem_bridge.observables.registry import Reader, observable_named
-from dem_bridge.scene import Scene
-from dem_bridge.studies.study import ClaimValue
-from dem_bridge.trajectory import Floats, Trajectory
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import ClaimValue
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: theories, whose numbers have no uncertainty
 THEORIES = ("bca", "adiabatic")

@@ -12,8 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from dem_bridge.differences import difference
+from dem_bridge.observables.differences import difference
 from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Claim, FigureData, Map, Series
+from dem_bridge.report.texts import Texts
 from dem_bridge.studies.paper.claims import by
 from dem_bridge.studies.paper.claims_pulses import striker_shares
 from dem_bridge.studies.paper.effects import AS_IS, PARAMETER, PHYSICS, SUPPOSED, Effect
@@ -22,13 +25,10 @@ from dem_bridge.studies.paper.summary import counted, failures
 from dem_bridge.studies.paper.texts import PAPER
 from dem_bridge.studies.paper.theories import deviation, profiled
 from dem_bridge.studies.paper.validity import ContactValidity, contacts_of
-from dem_bridge.studies.study import Claim, FigureData, Map, Series
-from dem_bridge.studies.texts import Texts
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import SCIPY
-from dem_bridge.verification.verdict import Outcome
 
-TEXTS = Texts("overview")
+TEXTS = Texts("overview", "dem_bridge.studies")
 #: rows of the scale -> part of the error budget of velocities; code whose velocities differ
 _PARTS = {"round-off": "round-off", "reference": "reference", "time-step": "time step"}
 _CODES = (SCIPY, "ode45")

@@ -12,10 +12,10 @@ from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import force_exponent, speed_power_law
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.spectrum import Cascade, Spectrum, cascade, frequency_spectrum, wavenumber_spectrum
-from dem_bridge.scene import Scene
+from dem_bridge.report.study import Map, Panel, Series
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.measures import THEORIES
-from dem_bridge.studies.study import Map, Panel, Series
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: gamma and V_out/V_in by each backend
 Ratios = Sequence[tuple[float, Mapping[str, float]]]

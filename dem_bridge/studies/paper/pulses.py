@@ -17,11 +17,11 @@ from dem_bridge.observables.pulse import (
     speed_ratio,
 )
 from dem_bridge.observables.spectrum import Spectrum, cascade, frequency_spectrum, wavenumber_spectrum
-from dem_bridge.scene import Scene
+from dem_bridge.report.study import Table
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.studies.paper.texts import PAPER
-from dem_bridge.studies.study import Table
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 
 #: places in the chain at which a pulse is measured: where it is formed, and before the end
 EARLY, LATE = 0.25, 0.9

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from dem_bridge.backends.base import Resolution, Sampling, backend, supports_of
-from dem_bridge.campaign import Result
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene, shipped_scenes
-from dem_bridge.scene_file.physical import rounded
+from dem_bridge.scene.file import load_scene, shipped_scenes
+from dem_bridge.scene.file.physical import rounded
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.effects import STRONG, VARIANTS
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE, SCIPY, assign_roles, engine_for
 
 #: the paper's own chains: verified in full, with refinement levels

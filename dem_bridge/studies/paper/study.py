@@ -8,17 +8,18 @@ from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from typing import Any
 
-from dem_bridge.accuracy import checked_accuracy
 from dem_bridge.backends.base import BACKENDS
-from dem_bridge.campaign import Jobs, Progress, Result, map_in_threads, run_groups
-from dem_bridge.differences import difference
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.accuracy import checked_accuracy
+from dem_bridge.observables.differences import difference
+from dem_bridge.report.study import Claim, FigureData, Margin, Table
 from dem_bridge.runs.cache import RunCache
+from dem_bridge.runs.campaign import Jobs, Progress, Result, map_in_threads, run_groups
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene
+from dem_bridge.scene.file import load_scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies import rule_of_thumb, scatter
 from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, ModelHierarchy, left_out, model_hierarchy_of
 from dem_bridge.studies.model_hierarchy.passage import JUDGED
@@ -58,11 +59,10 @@ from dem_bridge.studies.paper.texts import PAPER
 from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatteredChains
-from dem_bridge.studies.study import Claim, FigureData, Margin, Table
-from dem_bridge.studies.verification import Verification, verification_of
-from dem_bridge.studies.verify import DEFAULT_ACCURACY, ScenePlan, check_jobs, plan_scene
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import REFERENCE, SCIPY
+from dem_bridge.verification.verification import Verification, verification_of
+from dem_bridge.verification.verify import DEFAULT_ACCURACY, ScenePlan, check_jobs, plan_scene
 
 
 @dataclass(frozen=True, kw_only=True)

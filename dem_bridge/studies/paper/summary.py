@@ -6,15 +6,15 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Claim
+from dem_bridge.report.texts import fill
 from dem_bridge.studies.paper.claims import by
 from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, THEORY, Effect
 from dem_bridge.studies.paper.runs import MAIN
 from dem_bridge.studies.paper.texts import PAPER, percent
-from dem_bridge.studies.study import Claim
-from dem_bridge.studies.texts import fill
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY
-from dem_bridge.verification.verdict import Outcome
 
 ANSWER = PAPER.data["answer"]
 #: limits of this report, in addition to those of every report

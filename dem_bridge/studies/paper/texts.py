@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dem_bridge.studies.texts import Texts, fill
+from dem_bridge.report.texts import Texts, fill
 
 #: texts of tables, figures and the answer
-PAPER = Texts("paper")
+PAPER = Texts("paper", "dem_bridge.studies")
 #: texts of each claim by its id; the first lines of the file describe them
-CLAIMS = Texts("claims").data
+CLAIMS = Texts("claims", "dem_bridge.studies").data
 #: id -> kind and name of a term of the error budget
 TERMS = PAPER.data["terms"]
 

@@ -11,12 +11,12 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
-from dem_bridge.scene import Scene
+from dem_bridge.report.study import Table
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.effects import OBSERVABLES, Effect
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.studies.paper.texts import PAPER
-from dem_bridge.studies.study import Table
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: bodies from here on: the first ones still form the pulse
 FIRST = 5

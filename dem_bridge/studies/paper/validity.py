@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from dem_bridge.geometry import Geometry
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.physics.validity import (
     Validity,
@@ -21,12 +20,13 @@ from dem_bridge.physics.validity import (
     quasi_static,
     weightless,
 )
-from dem_bridge.scene import Scene
+from dem_bridge.report.study import Table
+from dem_bridge.scene.geometry import Geometry
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.model_hierarchy.model_terms import GRAVITY
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.studies.paper.texts import PAPER
-from dem_bridge.studies.study import Table
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 
 COLUMNS = tuple(PAPER.data["tables"]["contacts"]["columns"])
 #: columns that are judged, in the order of :attr:`ContactValidity.judged`, with the assumption they stand for

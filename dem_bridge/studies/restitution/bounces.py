@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
-from dem_bridge.campaign import Result
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.verdict import Outcome, judge_relative
 from dem_bridge.physics.impact import bounce_heights
 from dem_bridge.physics.stages import linear_drop
+from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene
-from dem_bridge.verification.verdict import Outcome, judge_relative
+from dem_bridge.scene.file import load_scene
+from dem_bridge.scene.scene import Scene
 
 SCENE = "mfix-dem-02"
 #: stiffness of the plane, N/m

@@ -21,7 +21,7 @@ from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.physics.hertz import sphere_on_sphere
 from dem_bridge.physics.impact import RestitutionLaw, alpha_of_restitution, restitution_obtained
 from dem_bridge.physics.viscoelastic import LARGEST_STRENGTH, viscoelastic_impact
-from dem_bridge.scene import BY_RESTITUTION, DAMPING_LAWS, DASHPOTS, Damping, Scene, Wall
+from dem_bridge.scene.scene import BY_RESTITUTION, DAMPING_LAWS, DASHPOTS, Damping, Scene, Wall
 
 #: laws that the study knows
 LAWS = tuple(DAMPING_LAWS)

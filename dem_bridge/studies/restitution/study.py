@@ -14,13 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling
-from dem_bridge.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.verdict import Outcome, Verdict, judge_relative
 from dem_bridge.physics.impact import RestitutionLaw, restitution_obtained, restitution_to_write
+from dem_bridge.report.study import EFFECTS, FigureData, Series, Study, Table
+from dem_bridge.report.texts import Texts
+from dem_bridge.runs.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import BY_RESTITUTION
+from dem_bridge.scene.scene import BY_RESTITUTION
 from dem_bridge.studies.restitution.bounces import Bounce, bounce_cases, bounces_of
 from dem_bridge.studies.restitution.impacts import (
     CONTACTS,
@@ -34,12 +37,9 @@ from dem_bridge.studies.restitution.impacts import (
     varied_impacts,
     written_impacts,
 )
-from dem_bridge.studies.study import EFFECTS, FigureData, Series, Study, Table
-from dem_bridge.studies.texts import Texts
 from dem_bridge.verification.defects import named_failures
-from dem_bridge.verification.verdict import Outcome, Verdict, judge_relative
 
-TEXTS = Texts("restitution")
+TEXTS = Texts("restitution", "dem_bridge.studies")
 BACKENDS_BY_DEFAULT = ("scipy", "verlet", "lammps-granular")
 #: codes with a fixed step, whose step is varied
 STEPPED = ("verlet", "lammps-granular")

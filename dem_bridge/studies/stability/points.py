@@ -21,16 +21,16 @@ from dem_bridge.lmp.process import require
 from dem_bridge.observables.conserved import momentum
 from dem_bridge.observables.modes import highest_frequencies
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import parse_scene
+from dem_bridge.report.texts import Texts
+from dem_bridge.scene.file import parse_scene
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.timescales import rayleigh_time_of
 from dem_bridge.studies.stability import step_limits
 from dem_bridge.studies.stability.step_limits import Limit, Stepper, energies, stable_step, twin
-from dem_bridge.studies.texts import Texts
-from dem_bridge.timescales import rayleigh_time_of
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.roles import GRANULAR, TWIN
 
-TEXTS = Texts("stability")
+TEXTS = Texts("stability", "dem_bridge.studies")
 #: wanted of velocities
 ACCURACIES = (1e-2, 1e-4)
 #: LAMMPS looks so far below the twin's limit, at steps so close

@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dem_bridge.backends.twin import solve_plan
-from dem_bridge.dense import Schedule
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy_parts, momentum
 from dem_bridge.observables.interpolate import state_at
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.dense import Schedule
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: a code on a scene at a step (s) of which each sample has a whole number
 Stepper = Callable[[Scene, float], Trajectory]

@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dem_bridge.campaign import Progress
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.study import FigureData, Map, Series, Study, Table, check_setting
+from dem_bridge.runs.campaign import Progress
+from dem_bridge.scene.file import load_scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.stability.points import (
     ACCURACIES,
     PHASES,
@@ -30,9 +32,7 @@ from dem_bridge.studies.stability.points import (
     measure,
 )
 from dem_bridge.studies.stability.step_limits import FINEST, RATIO
-from dem_bridge.studies.study import FigureData, Map, Series, Study, Table, check_setting
 from dem_bridge.verification.roles import GRANULAR, TWIN
-from dem_bridge.verification.verdict import Outcome, Verdict
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -17,13 +17,13 @@ from dem_bridge.backends.base import (
 )
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.report.texts import Texts
 from dem_bridge.runs.case import Case
-from dem_bridge.scene import Scene
-from dem_bridge.studies.texts import Texts
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.uncertainty.extrapolate import extrapolate
+from dem_bridge.runs.uncertainty.extrapolate import extrapolate
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 
-TEXTS = Texts("work-precision")
+TEXTS = Texts("work-precision", "dem_bridge.studies")
 #: steps are the sample interval over these powers of two, from the first that is below 1/omega of the stiffest contact
 HALVINGS = 13
 #: ... fewer for those that take long

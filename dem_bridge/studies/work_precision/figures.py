@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.studies.study import FigureData, Panel, Series
+from dem_bridge.report.study import FigureData, Panel, Series
 from dem_bridge.studies.work_precision.curves import STYLES, TEXTS
 from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point
 

@@ -19,13 +19,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from dem_bridge.backends.base import Backend, Sampling
-from dem_bridge.campaign import Progress
 from dem_bridge.errors import BackendUnavailable, NotAsymptotic, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.observables.errors import REDUCTIONS, Reading, read, reduced, relative_to
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.scene import Scene
+from dem_bridge.runs.campaign import Progress
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.work_precision.curves import TEXTS, Curve
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 
 REFERENCE = "reference"
 #: every norm is stored, and any of them may be plotted (DiffEqDevTools.jl, issues 125 and 128)

@@ -14,13 +14,13 @@ from typing import Any
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.campaign import Jobs, Progress, run_cases
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.report.study import Study, Table, check_setting
+from dem_bridge.runs.campaign import Jobs, Progress, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.studies.study import Study, Table, check_setting
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.work_precision import runs
 from dem_bridge.studies.work_precision.curves import STYLES, TEXTS, WHOLE, curves
 from dem_bridge.studies.work_precision.figures import ID, figures

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import dem_bridge as db
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.lmp.reader.deck import UNITS
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from tests.helpers.lammps_scripts import PARTS, script
 
 pytestmark = pytest.mark.lammps

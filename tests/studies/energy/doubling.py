@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, backend
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.studies.energy.walk import BOX, STIFFNESS, long_run
 
 #: gaps in m, starts with each, and contacts after which a run is given up

@@ -10,12 +10,12 @@ import pytest
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, backend
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import UsageError
-from dem_bridge.scene import Damping, Scene
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.studies.energy import walk as walks
 from dem_bridge.studies.energy.study import ALLOWED, CONTACT, STEP, study_energy, within_contact
 from dem_bridge.studies.energy.walk import BEAD, BOX, Walk, long_run
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.trajectory.trajectory import Trajectory
 
 
 @pytest.fixture(autouse=True)

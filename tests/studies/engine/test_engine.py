@@ -13,13 +13,13 @@ from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.process import probe
+from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.adhesion import jkr_impact
 from dem_bridge.studies.engine import runs, study
 from dem_bridge.studies.engine.causes import NOT_A_NUMBER, TOLERANCE, UNKNOWN
 from dem_bridge.studies.engine.impacts import HERTZ, Impact, Steps, catalogue, deck_of
 from dem_bridge.studies.engine.motion import closed_form, exact, twins
 from dem_bridge.studies.engine.study import ABSENT, RIGHT, UNDEFINED, WRONG, Row, rows_of, study_engine, study_of
-from dem_bridge.verification.verdict import Outcome
 
 PINNED = 20250722
 #: converged restitution of damping tsuji in the pinned release, by what a deck writes

@@ -12,7 +12,10 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import UsageError
-from dem_bridge.scene import Scene
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Study
+from dem_bridge.runs.uncertainty.twins import twin_family
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.horizon import runs as horizon_runs
 from dem_bridge.studies.horizon import study as horizon
 from dem_bridge.studies.horizon import verdicts as horizon_verdicts
@@ -26,9 +29,6 @@ from dem_bridge.studies.horizon.runs import (
     round_off_bar,
     step_bar,
 )
-from dem_bridge.studies.study import Study
-from dem_bridge.uncertainty.twins import twin_family
-from dem_bridge.verification.verdict import Outcome
 from tests.bench.bench_horizon import between_walls
 from tests.helpers.driven_chains import DRIVES, TOUCHING, driven
 

@@ -10,7 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.tabled import prescan_scene
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene.scene import Damping, Scene, Wall
 from dem_bridge.studies.model_hierarchy.model_terms import (
     BARELY,
     DASHPOT,

@@ -13,7 +13,8 @@ import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.errors import ALL, Reading, Window
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.studies.model_hierarchy.passage import (
     JUDGED,
     Effect,
@@ -28,8 +29,7 @@ from dem_bridge.studies.model_hierarchy.passage import (
     readings_of,
     window_of,
 )
-from dem_bridge.trajectory import Trajectory, own_scale
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.trajectory.trajectory import Trajectory, own_scale
 
 BODIES = 12
 PASSAGE = JUDGED["passage"]

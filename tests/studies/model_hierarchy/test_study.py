@@ -19,16 +19,16 @@ from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.observables.errors import Reading
 from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.drawing import draw_figure
+from dem_bridge.report.study import Study
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Damping, Scene, Wall
+from dem_bridge.scene.scene import Damping, Scene, Wall
 from dem_bridge.studies.model_hierarchy import choices as hierarchy_choices
 from dem_bridge.studies.model_hierarchy.model_terms import ModelTerm
 from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, judged, least, left_out, model_hierarchy_of
 from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effect, Effects, Readings
 from dem_bridge.studies.model_hierarchy.study import LEAST_SHOWN
-from dem_bridge.studies.study import Study
-from dem_bridge.verification.verdict import Outcome
 
 PASSAGE = JUDGED["passage"]
 PASSAGE_WORDS = ("arrival at end", "residence time", "peak velocity", "first peak force")

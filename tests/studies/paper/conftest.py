@@ -16,10 +16,11 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.campaign import Result, run_cases
+from dem_bridge.report.study import Claim
+from dem_bridge.runs.campaign import Result, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies import scatter
 from dem_bridge.studies.paper.claims_numbers import numbers
 from dem_bridge.studies.paper.claims_wave import waves
@@ -35,10 +36,9 @@ from dem_bridge.studies.paper.runs import (
 )
 from dem_bridge.studies.paper.study import read_paper, with_paper
 from dem_bridge.studies.scatter import ScatteredChains
-from dem_bridge.studies.study import Claim
-from dem_bridge.studies.verification import Verification, verification_of
-from dem_bridge.studies.verify import DEFAULT_ACCURACY
-from dem_bridge.trajectory import Trajectory, Uncertainty
+from dem_bridge.trajectory.trajectory import Trajectory, Uncertainty
+from dem_bridge.verification.verification import Verification, verification_of
+from dem_bridge.verification.verify import DEFAULT_ACCURACY
 
 OTHERS = ("tapered-forward", "tapered-backward", "homogeneous-cylinders")
 THEORIES = ("bca", "adiabatic")

@@ -17,6 +17,8 @@ import pytest
 from dem_bridge.observables.front import peak_velocity_of_front
 from dem_bridge.observables.interpolate import acceleration
 from dem_bridge.observables.pulse import front_window, leading_pulse, pulse_shapes, secondary_fronts
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Claim, ClaimValue
 from dem_bridge.studies.paper import claims_numbers
 from dem_bridge.studies.paper.claims import by, claim, decided, printed, together
 from dem_bridge.studies.paper.claims_force import forces, ratios
@@ -28,10 +30,8 @@ from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, GRADIENTS, LONG, MAIN, Runs
 from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.studies.scatter import ScatteredChains
-from dem_bridge.studies.study import Claim, ClaimValue
-from dem_bridge.studies.verification import Verification
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.trajectory.trajectory import Trajectory
+from dem_bridge.verification.verification import Verification
 from tests.studies.paper.conftest import GRADIENTS as FEW
 from tests.studies.paper.conftest import planted, swapped, truth_of, wide_uncertainty, without
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.model_hierarchy.model_terms import hertz_stiffness
 from dem_bridge.studies.paper.effects import (
     AS_IS,

@@ -16,7 +16,8 @@ from dem_bridge.errors import UsageError
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import picture_of_data
-from dem_bridge.scene import Scene
+from dem_bridge.report.study import FigureData, Panel, Series
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.figures import (
     ChainRuns,
     figure_2,
@@ -27,8 +28,7 @@ from dem_bridge.studies.paper.figures import (
     figure_6,
 )
 from dem_bridge.studies.paper.panels import MAP_ROWS, speed_ratios, window
-from dem_bridge.studies.study import FigureData, Panel, Series
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.conftest import Solve
 from tests.helpers.fake_runs import NO_COST, NO_ERROR
 from tests.helpers.quadruple_truth import Truth

@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.errors import UsageError
-from dem_bridge.scene import Scene
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import ClaimValue
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.measures import MOVES, Measure, inside, measured
-from dem_bridge.studies.study import ClaimValue
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight, uncertain
 
 CHAIN = Scene(name="three", duration=1.0, mass=(1.0,) * 3, stiffness=(1e9,) * 2, velocity=(1.0, 0.0, 0.0))

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.differences import difference
+from dem_bridge.observables.differences import difference
+from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.drawing import draw_figure
+from dem_bridge.report.study import Claim, FigureData
 from dem_bridge.studies.paper.overview import abstract, all_scenes, scale_of_differences, tornado, validity_figure
 from dem_bridge.studies.paper.runs import MAIN, Runs
 from dem_bridge.studies.paper.summary import FAILS_BY
 from dem_bridge.studies.paper.validity import contacts_of
-from dem_bridge.studies.study import Claim, FigureData
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.roles import REFERENCE
-from dem_bridge.verification.verdict import Outcome
 from tests.helpers.legibility import assert_legible
 from tests.studies.paper.conftest import truth_of
 from tests.studies.paper.test_summary import EFFECTS, STUDIES, _effect, _study, _verdict

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dem_bridge.report.study import Claim
 from dem_bridge.studies.paper.claims_force import forces
 from dem_bridge.studies.paper.claims_numbers import numbers
 from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.criteria import CRITERIA
 from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs
-from dem_bridge.studies.study import Claim
-from dem_bridge.studies.verification import Verification
+from dem_bridge.verification.verification import Verification
 from tests.studies.paper.conftest import planted, truth_of
 
 FOLDER = Path(__file__).parents[3] / "reports" / "independent"

@@ -18,15 +18,15 @@ from click.testing import CliRunner
 import dem_bridge as db
 from dem_bridge.backends import lammps
 from dem_bridge.backends.base import BACKENDS, Resolution
-from dem_bridge.campaign import tasks
 from dem_bridge.cli import main
-from dem_bridge.differences import difference
 from dem_bridge.errors import BackendUnavailable, UsageError
+from dem_bridge.observables.differences import difference
+from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report import images
+from dem_bridge.runs.campaign import tasks
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.studies import verify
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.model_hierarchy.models import ModelHierarchy, model_hierarchy_of
 from dem_bridge.studies.paper import study
 from dem_bridge.studies.paper.runs import (
@@ -45,10 +45,10 @@ from dem_bridge.studies.paper.runs import (
     with_mass_gradient,
 )
 from dem_bridge.studies.paper.study import Extent, coverage_table, verify_paper
-from dem_bridge.studies.verification import Verification
-from dem_bridge.studies.verify import ScenePlan, plan_scene
+from dem_bridge.verification import verify
 from dem_bridge.verification.roles import GRANULAR, REFERENCE
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.verification.verification import Verification
+from dem_bridge.verification.verify import ScenePlan, plan_scene
 from tests.studies.paper.conftest import cheap_variants, few_gradients, truth_of, without
 
 #: of both chains, with two scattered ones each
@@ -288,7 +288,7 @@ def test_a_scene_without_a_time_step_is_a_verdict_and_claims_are_left(monkeypatc
 
     for name in ("variants", "mass_gradients", "matched"):
         monkeypatch.setattr(study, name, lambda *_: [])
-    monkeypatch.setattr("dem_bridge.studies.verify.main_resolution", hopeless)
+    monkeypatch.setattr("dem_bridge.verification.verify.main_resolution", hopeless)
     found = verify_paper(accuracy=1e-15, jobs=1, extent=SMALL)
     assert {v.outcome for v in found.verdicts} == {Outcome.UNDECIDED}
     assert all("ask for less" in v.sentence for v in found.verdicts)

@@ -9,15 +9,15 @@ from dataclasses import replace
 import pytest
 
 import dem_bridge as db
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.study import Claim
 from dem_bridge.studies.paper.claims_numbers import numbers
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.effects import OBSERVABLES, Effect
 from dem_bridge.studies.paper.runs import MAIN, Runs
 from dem_bridge.studies.paper.summary import FAILS_BY, FAILURES, NOT_VERIFIED, answer, failures
-from dem_bridge.studies.study import Claim
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY
-from dem_bridge.verification.verdict import Outcome, Verdict
 
 
 def _verdict(scene: str, backend: str, reference: str, difference: float, **other: object) -> Verdict:

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.scene import Scene
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.stability import points, step_limits
 from dem_bridge.studies.stability import study as stability
 from dem_bridge.studies.stability.points import Measured, Trap, chain, engine_on
 from dem_bridge.studies.stability.step_limits import Limit
 from dem_bridge.studies.stability.study import study_stability
-from dem_bridge.verification.verdict import Outcome
 from tests.helpers.export_chains import PAIR
 from tests.helpers.export_runs import made_up
 

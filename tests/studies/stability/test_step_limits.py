@@ -12,7 +12,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.reference import Reference
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.physics.dispersion import dispersion
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.studies.stability.points import Measured, chain, engine_on, measured
 from dem_bridge.studies.stability.step_limits import (
     FINEST,
@@ -30,7 +30,7 @@ from dem_bridge.studies.stability.step_limits import (
     twin,
     velocity_error,
 )
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 
 PAIR = chain("pair", (1e-2, 1e-2), (4e9,))
 

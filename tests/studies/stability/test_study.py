@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.study import Study
+from dem_bridge.scene.file import load_scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.stability import study as stability
 from dem_bridge.studies.stability.points import chain, engine_on, measured, point_of, trap_of
 from dem_bridge.studies.stability.step_limits import twin
 from dem_bridge.studies.stability.study import study_stability
-from dem_bridge.studies.study import Study
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.verification.verdict import Outcome
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.driven_chains import SINE
 from tests.helpers.small_stability import small_stability
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.differences import difference
+from dem_bridge.observables.differences import difference
 from dem_bridge.observables.front import residence_time
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.scene import Scene
-from dem_bridge.scene_file import load_scene
+from dem_bridge.scene.file import load_scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.work_precision.runs import NORMS, Norms, errors_of, readings_of, uncertainties_of
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 
 CHAIN = replace(load_scene("decelerating-40"), name="short", duration=3e-4)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.backends.base import Sampling
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.work_precision.curves import Curve
 from dem_bridge.studies.work_precision.figures import front
 from dem_bridge.studies.work_precision.runs import Measured, Point

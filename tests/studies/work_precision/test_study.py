@@ -22,8 +22,8 @@ from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.scene import Scene
-from dem_bridge.studies.study import Study
+from dem_bridge.report.study import Study
+from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.work_precision import curves as work_curves
 from dem_bridge.studies.work_precision import figures as work_figures
 from dem_bridge.studies.work_precision.curves import Curve, curves, steps

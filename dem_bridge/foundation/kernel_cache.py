@@ -1,0 +1,212 @@
+"""Keep compiled kernels on disk: one file for each content, of which nothing is loaded that is not as it was written.
+
+A file is named after the digest of everything that determines its machine code: the closure of the kernel
+(:mod:`.kernel_content`), the types of its arguments, the versions of Python, numba, llvmlite, numpy and this package,
+the processor, and the settings of numba. A changed kernel therefore has another file, whatever the times of its sources
+say. The file begins with a checksum over its name and content. A file that does not fit is set aside, and its kernel is
+compiled anew. Files are written under another name and renamed, so that processes may compile a kernel at once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any, cast
+
+import llvmlite
+import numba
+import numpy as np
+from numba.core import types
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+from dem_bridge.errors import OF_DAMAGED_DATA
+from dem_bridge.foundation.files import opened
+from dem_bridge.foundation.kernel_content import Unidentified, closure_digest
+from dem_bridge.foundation.kernel_folders import folder_to_write, folders_to_read, is_safe, say
+from dem_bridge.foundation.leftovers import owned, sweep
+from dem_bridge.version import __version__
+
+SUFFIX, DAMAGED = ".nbc", ".damaged"
+#: files that a folder may have: those that were not used for the longest time are removed
+MOST_FILES = 1_000
+_MOST_BYTES = 2**28
+_SETTING = (bool, int, float, str, tuple, list, type(None))
+#: settings of numba that change no code: where it keeps files, what it prints, threads, other processors
+_NOT_CODE = re.compile(
+    r"(_|CACHE|CHROME_TRACE|COLOR|CUDA|DEBUG_CACHE|DEVELOPER|DISABLE_CUDA|DISABLE_PERF|DISABLE_TYPEINFER|DUMP|ENABLE_CUDA"
+    r"|FORCE_CUDA|FULL_TRACE|FUNCTION_CACHE|GDB|HIGHLIGHT|HTML|LLVM_PASS_TIMINGS|NUMBA_DEFAULT_NUM|NUMBA_NUM|SHOW_HELP"
+    r"|THREADING|TRACE)"
+)
+
+#: numba's own, which have no types
+_rebuild, _dumps = cast(Any, CompileResult)._rebuild, cast(Any, dumps)
+
+
+def compile_function(function: Callable[..., Any], *, nogil: bool) -> Any:
+    """Return a function as numba compiles it when it is called, or as it is loaded from disk."""
+    dispatcher: Any = numba.njit(nogil=nogil)(function)
+    if hasattr(dispatcher, "targetctx"):  # else the compiler is switched off
+        dispatcher._cache = KernelCache(dispatcher)
+    return dispatcher
+
+
+class KernelCache(NullCache):
+    """The compiled forms of one function on disk, in the interface that numba asks for."""
+
+    def __init__(self, dispatcher: Any) -> None:
+        self._function, self._options = dispatcher.py_func, dispatcher.targetoptions
+
+    @property
+    def cache_path(self) -> str | None:
+        """Folder to which kernels are written; None: there is none."""
+        folder = folder_to_write()
+        return None if folder is None else str(folder)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled form for a signature; None if it is not there."""
+        target_context.refresh()
+        name = self._name(sig, target_context.codegen())
+        for path in [] if name is None else [folder / name for folder in folders_to_read()]:
+            try:
+                with opened(path, _MOST_BYTES) as file:
+                    if not is_safe(file.fileno()):
+                        raise ValueError("another user can write to it")
+                    content = checked(path.name, file.read())
+                result = _rebuild(target_context, *pickle.loads(content))
+            except FileNotFoundError:
+                continue
+            except OSError as error:
+                _set_aside(path, error.strerror or type(error).__name__)
+            except (*OF_DAMAGED_DATA, ImportError, EOFError, pickle.UnpicklingError) as error:
+                _set_aside(path, str(error) or type(error).__name__)
+            else:
+                with suppress(OSError):  # in a folder that may only be read, files have no last use
+                    os.utime(path)
+                return result
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the compiled form of a signature, unless it holds addresses of this process."""
+        folder, name = folder_to_write(), self._name(sig, data.codegen)
+        local = data.library.has_dynamic_globals or any(not loop.can_cache for loop in data.lifted)
+        if folder is None or name is None or local:
+            return
+        content = _dumps(data._reduce())
+        sweep(folder)
+        part = folder / f"{owned('part')}{os.urandom(4).hex()}"
+        try:
+            with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), "wb") as file:
+                file.write(checksum(name, content) + content)
+            part.replace(folder / name)
+            _prune(folder)
+        except OSError as error:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+            _say_once(
+                f"the compiled kernel {name} cannot be kept ({error.strerror}); the next session compiles it again"
+            )
+
+    def _name(self, sig: Any, codegen: Any) -> str | None:
+        """Return the name of the file of a signature; None for a kernel that cannot be identified."""
+        function = self._function
+        try:
+            parts = closure_digest(function), _text_of_types(sig), sorted(self._options.items()), codegen.magic_tuple()
+        except Unidentified:
+            return None
+        digest = hashlib.sha256(repr((parts, environment())).encode()).hexdigest()
+        readable = re.sub(r"[^\w.]", "", f"{function.__module__}.{function.__qualname__}")[-80:]
+        return f"{readable}-{digest[:40]}{SUFFIX}"
+
+
+def environment() -> Mapping[str, object]:
+    """Return what determines all machine code beside kernels and processor: versions and the settings of numba."""
+    settings = {
+        name: repr(value)
+        for name, value in vars(numba.config).items()
+        if name.isupper() and isinstance(value, _SETTING) and not _NOT_CODE.match(name)
+    }
+    return {**_versions(), "settings": sorted(settings.items())}
+
+
+@cache
+def _versions() -> Mapping[str, str]:
+    python = f"{sys.implementation.cache_tag} {'.'.join(map(str, sys.version_info))} {sys.abiflags}"
+    packages = {"numba": numba.__version__, "llvmlite": llvmlite.__version__, "numpy": np.__version__}
+    return {"python": python, **packages, "dem_bridge": __version__}
+
+
+def _text_of_types(kind: Any) -> str:
+    """Return a type, or a tuple of types, as a text; with the fields of named tuples and the content of functions."""
+    if isinstance(kind, tuple):
+        return f"({', '.join(map(_text_of_types, kind))})"
+    if isinstance(kind, types.BaseTuple):
+        parts: Any = kind
+        name = getattr(parts, "instance_class", tuple).__qualname__
+        return f"{name} {getattr(parts, 'fields', ())} {_text_of_types(tuple(parts.types))}"
+    if isinstance(kind, types.Dispatcher):
+        return f"function {closure_digest(kind.dispatcher.py_func)} {sorted(kind.dispatcher.targetoptions.items())}"
+    if isinstance(kind, types.Callable | types.FunctionType | types.ClassType | types.ClassInstanceType):
+        raise Unidentified(f"the type {kind} has no content")
+    return f"{type(kind).__name__} {kind}"
+
+
+def checksum(name: str, content: bytes) -> bytes:
+    """Return the first line of a file: the sha256 of its name and content."""
+    return hashlib.sha256(name.encode() + b"\n" + content).hexdigest().encode() + b"\n"
+
+
+def checked(name: str, whole: bytes) -> bytes:
+    """Return the content of a file; ValueError unless it is as it was written, and under this name."""
+    line, _, content = whole.partition(b"\n")
+    if line + b"\n" != checksum(name, content):
+        raise ValueError("its checksum does not fit")
+    return content
+
+
+def damaged_files(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield the names of files in a folder of kernels that were set aside or are damaged, each with the reason."""
+    for path in sorted(folder.glob("*")):
+        if path.name.endswith(DAMAGED):
+            yield path.name, "set aside"
+        elif path.suffix == SUFFIX:
+            try:
+                with opened(path, _MOST_BYTES) as file:
+                    checked(path.name, file.read())
+                if not is_safe(path):
+                    yield path.name, "another user can write to it"
+            except OSError as error:
+                yield path.name, error.strerror or type(error).__name__
+            except ValueError as error:
+                yield path.name, str(error)
+
+
+def _set_aside(path: Path, reason: str) -> None:
+    aside = path.with_name(f"{path.name}-{os.urandom(2).hex()}{DAMAGED}")
+    with suppress(OSError):  # a folder that may only be read
+        path.replace(aside)
+    _say_once(f"the compiled kernel {path} is damaged ({reason}); it is set aside as {DAMAGED} and compiled anew")
+
+
+@cache
+def _say_once(text: str) -> None:
+    say(text)
+
+
+def _prune(folder: Path) -> None:
+    """Remove the files beyond the permitted number that were not used for the longest time."""
+    files = []
+    for entry in os.scandir(folder):
+        with suppress(FileNotFoundError):  # another process was here
+            files.append((entry.stat(follow_symlinks=False).st_mtime_ns, entry.path))
+    for _, path in sorted(files)[: max(0, len(files) - MOST_FILES)]:
+        with suppress(OSError):
+            os.unlink(path)

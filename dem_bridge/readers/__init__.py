@@ -1,6 +1,0 @@
-"""Reading of files of any code: as a record of what they have, or as a complete trajectory."""
-
-from dem_bridge.readers.read import read_record
-from dem_bridge.readers.record import Record
-
-__all__ = ["Record", "read_record"]

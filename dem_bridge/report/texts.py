@@ -1,0 +1,136 @@
+"""Texts of pages: titles, captions, headings and sentences, from ``pages/NAME.toml`` of the package that uses them."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from importlib import resources
+from numbers import Real
+from string import Formatter
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from dem_bridge.observables.verdict import Verdict
+from dem_bridge.report.study import FigureData, Map, Panel, Series, Study, Table
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: factor from SI to the unit that the heading of a column names
+FACTORS = {"%": 100.0, "kHz": 1e-3, "ms": 1e3, "µs": 1e6}
+
+
+class _PercentFormatter(Formatter):
+    """Format as ``str.format``; a format that ends in " %" shows a share in per cent."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if format_spec.endswith(" %"):
+            return f"{100.0 * value:{format_spec[:-2]}} %"
+        return str(super().format_field(value, format_spec))
+
+
+_format = _PercentFormatter().vformat
+
+
+def fill(text: str, **values: Any) -> str:
+    """Return a text with its fields filled.
+
+    >>> fill("{late:.2g %} too late at cylinder {body}", late=0.02345, body=40)
+    '2.3 % too late at cylinder 40'
+    """
+    return _format(text, (), values)
+
+
+class Texts:
+    """Texts of one study, in the folder ``pages`` of a package.
+
+    Each may hold fields in braces, which are filled with the values of the call.
+
+    >>> Texts("bands", "dem_bridge.studies")("oscillation", share=0.021, small="small")
+    'The oscillation of the overlaps is 2.1 % of the static overlaps: small.'
+    """
+
+    def __init__(self, name: str, package: str) -> None:
+        self.name, self.package = name, package
+
+    @cached_property
+    def data(self) -> Mapping[str, Any]:
+        """Content of the file, read when the first text is needed."""
+        file = resources.files(self.package) / "pages" / f"{self.name}.toml"
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+
+    def __call__(self, key: str, **values: Any) -> str:
+        """Return a sentence."""
+        return fill(self.data["sentences"][key], **values)
+
+    def notes(self, **values: Any) -> tuple[str, ...]:
+        """Return the notes that do not depend on the outcome."""
+        return tuple(fill(note, **values) for note in self.data["notes"])
+
+    def study(self, texts: Mapping[str, Any] = MappingProxyType({}), **parts: Any) -> Study:
+        """Return the study of this name; ``texts`` fill its title and, unless others are given, its notes."""
+        if "notes" not in parts:
+            parts["notes"] = self.notes(**texts)
+        return Study(id=self.name, title=self("title", **texts), **parts)
+
+    def table(self, id: str, rows: Iterable[Any], *, columns: Sequence[str] | None = None, **values: Any) -> Table:
+        """Return a table with a row for each item of ``rows``.
+
+        The file maps the heading of each column to an attribute of the items ("scene.name"); numbers are converted from
+        SI to the unit in the heading. Where it lists headings alone, or ``columns`` does, rows are tuples of cells.
+        """
+        entry = self._entry("tables", id, values)
+        headings = [fill(heading, **values) for heading in columns or entry["columns"]]
+        if columns is None and isinstance(entry["columns"], Mapping):
+            paths = list(zip(headings, entry["columns"].values(), strict=True))
+            rows = [[_cell(item, path, heading) for heading, path in paths] for item in rows]
+        return Table(id=id, **(entry | {"columns": tuple(headings), "rows": tuple(map(tuple, rows))}))
+
+    def panel(self, id: str, series: Iterable[Series] = (), map: Map | None = None, **values: Any) -> Panel:
+        """Return a panel; values that are fields of a panel become these, the others fill its texts."""
+        more = {key: values.pop(key) for key in ("rows", "shares_scale_with") if key in values}
+        return Panel(**self._entry("panels", id, values), **more, series=tuple(series), map=map)
+
+    def figure(self, id: str, panels: Iterable[Panel], **values: Any) -> FigureData:
+        """Return a figure of these panels."""
+        return FigureData(id=id, **self._entry("figures", id, values), panels=tuple(panels))
+
+    def lines(self, id: str, frame: DataFrame, x: str, **values: Any) -> Iterator[Series]:
+        """Yield a series over column ``x`` for each label -> (style, column) of the file that has values."""
+        for label, (style, column) in self.data["lines"][id].items():
+            rows = frame.dropna(subset=[column])
+            if len(rows):
+                x_values, y_values = (rows[name].to_numpy(float) for name in (x, column))
+                yield Series(label=fill(label, **values), style=style, x=x_values, y=y_values)
+
+    def verdict(self, id: str, **values: Any) -> Verdict:
+        """Return a verdict; values that are fields of a verdict become these, and all of them fill its texts."""
+        fields = {key: value for key, value in values.items() if key in Verdict.__dataclass_fields__}
+        return Verdict(**(self._entry("verdicts", id, values) | fields))
+
+    def _entry(self, kind: str, id: str, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the texts of a table, a panel, a figure or a verdict, filled with values."""
+        entry = self.data[kind][id]
+        return {key: fill(text, **values) if isinstance(text, str) else text for key, text in entry.items()}
+
+
+def verdict_table(verdicts: Iterable[Verdict]) -> Table:
+    """List verdicts with their numbers, which are relative to the scale of each."""
+    rows = []
+    for verdict in verdicts:
+        compared = f"{verdict.backend} - {verdict.reference}" if verdict.reference else verdict.backend
+        rows.append(vars(verdict) | {"quantity": verdict.quantity.replace("_", " "), "compared": compared})
+    return Texts("verdicts", __package__).table("verdicts", rows)
+
+
+def _cell(item: Any, path: str, heading: str) -> str | float:
+    """Return an attribute of an attribute ... as a text, or as a number in the unit of the heading (None: nan)."""
+    for name in path.split("."):
+        item = item.get(name) if isinstance(item, Mapping) else None if item is None else getattr(item, name)
+    if item is None:
+        return math.nan
+    unit = re.search(r"\((\S+?)( [^()]*)?\)$", heading)
+    return FACTORS.get(unit[1] if unit else "", 1.0) * float(item) if isinstance(item, Real) else str(item)

@@ -1,0 +1,154 @@
+"""Solve a case with its uncertainty: which further runs each backend takes for it, and the rule that applies to them.
+
+===================================  ==================================================================================
+LAMMPS, ASE, the twin                a family of twins on the same steps (:mod:`.twins`)
+Blanes and Moan's method             its own runs at two finer steps (:mod:`.own_steps`)
+the reference, ode45                 replicas that the backend makes (:mod:`.replicas`)
+scipy                                two ordinary runs at looser tolerances (:mod:`.replicas`)
+theories, and any other backend      none: the uncertainty is that which the run states, inf unless it is exact
+===================================  ==================================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, cast
+
+from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Replicating, Resolution, backend
+from dem_bridge.foundation import progress
+from dem_bridge.foundation.compiled import started
+from dem_bridge.runs.cache import RunCache
+from dem_bridge.runs.case import Case
+from dem_bridge.trajectory.trajectory import UNKNOWN, Trajectory, Uncertainty
+
+if TYPE_CHECKING:
+    from dem_bridge.runs.uncertainty.family import TwinFamily
+
+TWIN = "verlet"
+#: backends that take their uncertainty from a family of twins, from their own steps, and from replicas
+TWINS, OWN_STEPS, REPLICAS = (
+    tuple(name for name, entry in BACKENDS.items() if entry.uncertainty == rule)
+    for rule in ("twins", "own_steps", "replicas")
+)
+
+
+def solve(case: Case, cache: RunCache | None = None, code: Backend | None = None) -> Trajectory:
+    """Return the run of a case, with its uncertainty unless the case is without.
+
+    Parameters
+    ----------
+    case : Case
+    cache : RunCache, optional
+        Where runs are looked for and kept, so that others need not repeat them.
+    code : Backend, optional
+        A backend in place of the one that the case names; its run is not kept.
+    """
+    cache = cache or RunCache()
+    if not case.uncertainty:
+        return _run(case, cache, code)
+    if case.backend in ENGINE_BACKENDS:
+        # the twins need nothing of the engine, which runs in a process of its own
+        wait_for_family = started(_family, case, cache)
+        run = _run(case, cache, code)
+        wait_for_family()
+    else:
+        if case.backend in OWN_STEPS or case.backend == TWIN:
+            _family(case, cache)  # the run is one of its family, which the cache keeps
+        with progress.share(0.0, 1.0 / (1 + len(looser_cases(case)))):
+            run = _run(case, cache, code)
+    return replace(run, uncertainty=estimate_uncertainty(case, run, cache))
+
+
+def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = None) -> Uncertainty:
+    """Return the uncertainty of the run of a case.
+
+    Parameters
+    ----------
+    case : Case
+    run : Trajectory
+        Used for adaptive codes; the uncertainty of a code with a fixed step follows from its settings alone.
+    cache : RunCache, optional
+        Where further runs and families are looked for and kept.
+    """
+    cache = cache or RunCache()
+    if case.backend in (*TWINS, *OWN_STEPS):
+        family = _family(case, cache)
+        if family is None:
+            return UNKNOWN
+        from dem_bridge.runs.uncertainty.fixed_step import fixed_step_uncertainty
+
+        # LAMMPS' contact forces are running sums of its net forces
+        summed = case.scene.summed_outer_force if case.backend in ENGINE_BACKENDS else None
+        return fixed_step_uncertainty(family, summed)
+    if case.backend not in REPLICAS:
+        return run.uncertainty
+    from dem_bridge.backends.scipy_dop853 import ScipyDop853
+    from dem_bridge.runs.uncertainty.near_turns import widen_for_near_turns
+    from dem_bridge.runs.uncertainty.replicas import looser_rule, replica_uncertainty, rule_of
+
+    looser = looser_cases(case)
+    if not looser:
+        code = cast(Replicating, backend(case.backend))
+        replicas = code.replicas(case.scene, case.resolution, case.sampling)
+        return replica_uncertainty(run, replicas, rule_of(case.backend, case.scene))
+    runs, scipy = [], ScipyDop853(largest_rtol=math.inf)  # a looser run need not be as good as a reference
+    for number, other in enumerate(looser, start=1):
+        with progress.share(number / (1 + len(looser)), 1.0 / (1 + len(looser))):
+            runs.append(cache.load_or_solve(other, partial(other.solve, scipy)))
+    return widen_for_near_turns(replica_uncertainty(run, runs, looser_rule(case.scene)), case.scene, run, runs)
+
+
+def parts_of(case: Case, cache: RunCache) -> tuple[Case, ...] | None:
+    """Return the cases from which :func:`solve` puts a case together, which others may share; None: it has no parts.
+
+    Without its uncertainty a case that ``cache`` has is put together from nothing. The part of a case of LAMMPS or ASE
+    is the twin on the same steps, whose family is theirs.
+    """
+    alone = replace(case, uncertainty=False)
+    solved = cache.load(case) is not None
+    if not case.uncertainty:
+        return () if solved else None
+    if case.backend in TWINS:
+        from dem_bridge.runs.uncertainty.twins import twin_resolution
+
+        twin = Case(scene=case.scene, backend=TWIN, resolution=twin_resolution(case), sampling=case.sampling)
+        if replace(twin, uncertainty=False) in cache.families:
+            return () if solved else (alone,)
+        return None if case.backend == TWIN else (*(() if solved else (alone,)), twin)
+    from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
+
+    looser = looser_cases(case)
+    if not looser or any((other.resolution.rtol or 0.0) > LARGEST_RTOL for other in looser):
+        return None
+    return tuple(part for part in (alone, *looser) if cache.load(part) is None)
+
+
+def looser_cases(case: Case) -> tuple[Case, ...]:
+    """Return the ordinary cases from which the uncertainty follows where scipy solves; none for other solvers."""
+    if case.backend not in ("reference", "scipy"):
+        return ()
+    from dem_bridge.backends.reference import SERIES
+    from dem_bridge.backends.scipy_dop853 import DEFAULT_RTOL
+    from dem_bridge.runs.uncertainty.replicas import LOOSER
+
+    if case.backend == "reference" and SERIES.covers(case.scene):
+        return ()
+    rtol = case.resolution.rtol if case.resolution.rtol is not None else DEFAULT_RTOL
+    looser = replace(case, backend="scipy", uncertainty=False)
+    return tuple(replace(looser, resolution=Resolution(rtol=factor * rtol)) for factor in LOOSER)
+
+
+def _family(case: Case, cache: RunCache) -> TwinFamily | None:
+    if case.backend in OWN_STEPS:
+        from dem_bridge.runs.uncertainty.own_steps import blanes_moan_family
+
+        return blanes_moan_family(case, cache)
+    from dem_bridge.runs.uncertainty.twins import twin_family, twin_resolution
+
+    return twin_family(case.scene, twin_resolution(case), case.sampling, cache)
+
+
+def _run(case: Case, cache: RunCache, code: Backend | None) -> Trajectory:
+    return cache.load_or_solve(case, case.solve) if code is None else case.solve(code)

@@ -1,0 +1,167 @@
+"""Contacts of which every run with a fixed step may miss something alike, so that their differences say nothing of it.
+
+A contact that comes near touch may close in the exact solution, or not: its first compression is then unknown, and the
+force of such a touch is added to the uncertainty. A compression may be largest, or a little later, or after the run. A
+step may also be too long for a compression that exists. The moments are those of :mod:`.moments`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.backends.steps import Dense
+from dem_bridge.runs.uncertainty.moments import Moments
+from dem_bridge.scene.contacts import Contacts
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.dense import PHASE_PER_DENSE_SAMPLE, Schedule
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
+
+
+class Doubt(NamedTuple):
+    """Uncertainty of overlap (m) and closing rate (m/s) at each moment, ``(n_moment,)``."""
+
+    overlap: Floats
+    rate: Floats
+
+
+def widen_for_moments(
+    uncertainty: Mapping[str, Any], scene: Scene, run: Trajectory, moments: Moments, doubt: Doubt
+) -> dict[str, Any]:
+    """Return an uncertainty of ``run`` that covers what may happen at ``moments`` and happens in no run of a family.
+
+    Parameters
+    ----------
+    uncertainty : mapping
+        Uncertainty of each quantity without that.
+    moments : Moments
+        Of the run with absolute positions.
+    doubt : Doubt
+        Uncertainty of overlap and closing rate at each moment.
+    """
+    widened = dict(uncertainty)
+    for name in ("peak_force", "crossing_time"):
+        widened[name] = np.array(np.broadcast_to(widened[name], run.crossing_time.shape))
+    deepest = moments.overlap + doubt.overlap
+    certain = moments.felt & (moments.overlap > doubt.overlap)
+    # bodies that fly in touch approach and part by the last digits of their velocities
+    moves = moments.speed > 4.0 * np.spacing(np.max(np.abs(run.velocity)))
+    near = np.flatnonzero(moments.touches & moves & (deepest > 0.0) & ~certain)
+    touch = _touches(scene, moments, near, deepest[near], doubt.rate[near])
+    at, felt = moments.contact[near], moments.felt[near]
+    # of a touch that the run has its differences to others cover the impulse
+    np.maximum.at(widened["peak_force"], at, touch.force - np.where(felt, run.peak_force[at], 0.0))
+    kick = np.where(felt, 0.0, touch.kick)
+    last = moments.last[near]
+    widened["velocity"] += _together(kick, last)
+    moved = kick * touch.after
+    # since a touch near the end they come no farther apart than twice their depth without it, on either side
+    moved = np.where(last, np.minimum(moved, 4.0 * deepest[near]), moved)
+    widened["displacement"] += _together(moved, last)
+    widened["crossing_time"][at[touch.stops & ~(moments.time[near] > run.crossing_time[at])]] = math.inf
+    # until the end of the run a closing rate may fall to zero within the uncertainty of a crossing, too
+    late = np.where(moments.last, widened["crossing_time"][moments.contact], 0.0)
+    slowed = doubt.rate + np.maximum(moments.bend, 1e-300) * late
+    # a contact that has been slower all the time is at rest so far
+    undecided = moments.stops & (np.abs(moments.rate) <= slowed) & (moments.fastest > doubt.rate)
+    widened["crossing_time"][moments.contact[undecided]] = math.inf
+    return widened
+
+
+def _together(effects: Floats, last: NDArray[np.bool_]) -> float:
+    """Return what the effects of several touches may add up to: all of them if few, as random ones do if many.
+
+    What touches at the end of the run do has not been handed on, and a body between two of them is pushed both ways.
+    """
+    earlier = effects[~last]
+    handed_on = min(float(np.sum(earlier)), 2.0 * math.sqrt(float(np.sum(earlier**2))))
+    return handed_on + float(np.max(effects[last], initial=0.0))
+
+
+class _Touch(NamedTuple):
+    """What touches may do, arrays ``(n_touch,)``."""
+
+    force: Floats
+    """Largest force, N."""
+    kick: Floats
+    """Change of velocity of the lighter body, m/s."""
+    after: Floats
+    """Time for which the bodies go on with it, s."""
+    stops: NDArray[np.bool_]
+    """Whether the compression may reach its maximum."""
+
+
+def _touches(scene: Scene, moments: Moments, near: NDArray[np.int64], deepest: Floats, slower: Floats) -> _Touch:
+    """Return the largest effects of touches ``deepest`` (m) deep, at rates that are uncertain by ``slower`` (m/s).
+
+    A touch is no deeper than without its force, nor than its energy allows; adhesion pulls it in.
+    """
+    c, at, inverse_mass = scene.contacts, moments.contact[near], np.append(1.0 / np.array(scene.mass), 0.0)
+    mobility = inverse_mass[c.left[at]] + inverse_mass[c.right[at]]
+    lighter = np.maximum(inverse_mass[c.left[at]], inverse_mass[c.right[at]])
+    bend, pull = moments.bend[near], c.pull_off[at]
+    end = moments.last[near]
+    # at a turn all of the rate comes from the acceleration that ends it
+    turning = np.sqrt(2.0 * np.maximum(bend, 0.0) * deepest)
+    speed = np.where(end, moments.speed[near], np.minimum(moments.speed[near], turning)) + end * slower
+    energy = 0.5 * speed**2 / mobility + np.maximum(-bend, 0.0) * deepest / mobility
+    depth = np.minimum(deepest, _depth(c, at, energy))
+    depth = np.where(pull > 0.0, deepest + _depth(c, at, 2.0 * energy) + _pulled_in(c, at), depth)
+    with np.errstate(over="ignore"):  # of a stiff law it may be infinite, and is then unknown
+        force = c.force(depth, at) + c.damping[at] * depth ** c.damping_power[at] * speed
+        stored = c.energy(deepest, at) + c.damping[at] * deepest ** (c.damping_power[at] + 1.0) * speed
+    turn = np.sqrt(8.0 * deepest / np.maximum(bend, 1e-300))
+    lasting = np.minimum(np.where(end, moments.lasting[near], turn), scene.duration)
+    rest = scene.duration - moments.time[near] + moments.lasting[near]
+    after = np.minimum(rest, 1.0 / scene.drag) if scene.drag > 0.0 else rest
+    # a contact gives back no more than it takes
+    impulse = np.minimum(force * lasting, 2.0 * speed / mobility + np.maximum(-bend, 0.0) * lasting / mobility)
+    held = np.sqrt(2.0 * pull * depth / mobility) + pull * rest
+    kick = lighter * np.where(pull > 0.0, impulse + 2.0 * held, impulse)
+    least = np.maximum(moments.rate[near] - slower, 0.0)
+    stops = ~end | (pull > 0.0) | ((bend >= 0.0) & (stored >= 0.5 * least**2 / mobility))
+    return _Touch(force, kick, after, stops)
+
+
+def _depth(contacts: Contacts, which: NDArray[np.int64], energy: Floats) -> Floats:
+    """Return the overlaps (m) that store an energy (J); inf for a law that is a function."""
+    if contacts.laws:
+        return np.full(len(which), math.inf)
+    n = contacts.exponent[which]
+    return np.asarray((n * energy / contacts.stiffness[which]) ** (1.0 / n))
+
+
+def _pulled_in(contacts: Contacts, which: NDArray[np.int64]) -> Floats:
+    """Return twice the overlaps (m) to which adhesion pulls contacts that touch at rest."""
+    if contacts.laws:
+        return np.where(contacts.pull_off[which] > 0.0, math.inf, 0.0)
+    n = contacts.exponent[which]
+    return np.asarray((2.0 * n * contacts.pull_off[which] / contacts.stiffness[which]) ** (1.0 / (n - 1.0)))
+
+
+def unresolved_contacts(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> NDArray[np.bool_]:
+    """Return the contacts, ``(n_contact,)``, whose first compression is too brief for the step.
+
+    They have been closed and part, but no maximum of their compression is seen between samples. With n < 2 a contact
+    is the stiffer the smaller its overlap, so that no step is small enough for the first motions ahead of a front.
+    """
+    c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    crossed = np.flatnonzero(np.isfinite(run.crossing_time) & (c.exponent < 2.0))
+    rate = dense.velocity[:, c.left] - dense.velocity[:, c.right]
+    # bodies that fly in touch drift into each other by a rounding a step
+    flight = plan.steps * dense.overlap_in_flight
+    parting = np.any((dense.overlap > flight) & (rate <= 0.0), axis=0)
+    unresolved: NDArray[np.bool_] = parting & (c.gap >= 0.0) & np.isnan(run.crossing_time)
+    if scene.law is None and len(crossed):
+        after = np.searchsorted(plan.dense_steps * plan.step, run.crossing_time[crossed])
+        after = np.clip(after, 1, len(plan.dense_steps) - 1)
+        overlap = np.maximum(dense.overlap[after - 1, crossed], dense.overlap[after, crossed])
+        slope = (c.exponent - 1.0)[crossed] * c.stiffness[crossed]
+        slope = slope * np.maximum(overlap, 1e-300) ** (c.exponent[crossed] - 2.0)
+        mobility = (inverse_mass[c.left] + inverse_mass[c.right])[crossed]
+        unresolved[crossed] = plan.step**2 * slope * mobility > PHASE_PER_DENSE_SAMPLE**2
+    return unresolved

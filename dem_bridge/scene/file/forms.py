@@ -1,0 +1,201 @@
+"""The tables of a scene file: the keys and types of the raw and the physical forms.
+
+Numbers that are passed to the Scene unchanged have no limits here, because the Scene checks them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from dem_bridge.errors import SceneError
+from dem_bridge.foundation.checked import MOST_BODIES, checked_number
+from dem_bridge.physics.adhesion import pull_off_force
+from dem_bridge.scene.damping import damping_law
+from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.scene import Adhesion, Damping
+
+Positive = Annotated[float, Field(gt=0.0)]
+Angle = Annotated[float, Field(gt=0.0, le=90.0)]
+"""Angle between the axes of two cylinders, degrees."""
+Count = Annotated[int, Field(ge=2, le=MOST_BODIES)]
+Numbers = float | list[float]
+
+
+class Table(BaseModel):
+    """A table that rejects unknown keys, wrong types and numbers that are not finite."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+
+class RawTable(Table):
+    """A table whose numbers are checked by the Scene, infinities included."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=True)
+
+
+# tables of all forms
+
+
+class WallTable(RawTable):
+    """Table [chain.wall_left] or [chain.wall_right]."""
+
+    stiffness: float
+    gap: float = 0.0
+    exponent: float | None = None
+
+
+class DampingTable(RawTable):
+    """Table [chain.damping] or [impact.damping]."""
+
+    law: str
+    coefficient: Numbers
+    clip: bool | None = None
+    """True if net forces are clipped at zero; None means true, or false with adhesion."""
+
+    def damping(self) -> Damping:
+        """Return the Damping."""
+        value = tuple(self.coefficient) if isinstance(self.coefficient, list) else self.coefficient
+        return Damping(law=damping_law(self.law), coefficient=value, clip=self.clip)
+
+
+class AdhesionTable(RawTable):
+    """Table [chain.adhesion]."""
+
+    law: Literal["dmt", "jkr"]
+    pull_off: Numbers | None = None
+    surface_energy: float | None = None
+    """Surface energy of spheres, J/m^2, in place of ``pull_off``."""
+
+    def adhesion(self, radii: Sequence[float] | None = None) -> Adhesion:
+        """Return the Adhesion; ``radii`` are the effective radii of all contacts, m, if all bodies are spheres."""
+        if self.pull_off is not None and self.surface_energy is None:
+            values = self.pull_off
+            return Adhesion(law=self.law, pull_off=tuple(values) if isinstance(values, list) else values)
+        if self.surface_energy is None or self.pull_off is not None:
+            problem = "needs one of two keys"
+            raise SceneError("adhesion", problem=problem, allowed="pull_off (N) or surface_energy (J/m^2)")
+        if radii is None:
+            allowed = "pull_off (N), or spheres of known radii"
+            raise SceneError("adhesion.surface_energy", problem="requires radii", allowed=allowed)
+        checked_number("adhesion.surface_energy", self.surface_energy, "a number > 0 (J/m^2)", above=0.0)
+        forces = [pull_off_force(self.law, radius=r, surface_energy=self.surface_energy) for r in radii]
+        return Adhesion(law=self.law, pull_off=tuple(float(f"{force:.12g}") for force in forces))
+
+
+class DriveTable(RawTable):
+    """Table [chain.drive]."""
+
+    shape: Literal["sine", "chirp", "table"]
+    force: Numbers | None = None
+    file: str | None = None
+    """CSV file in place of ``force`` and ``interval``; :mod:`.drive` reads it before the tables are checked."""
+    frequency: float | None = None
+    last_frequency: float | None = None
+    sweep: float | None = None
+    phase: float = 0.0
+    rise: float = 0.0
+    interval: float | None = None
+
+    def drive(self, duration: float) -> Drive:
+        """Return the Drive; a chirp without ``sweep`` sweeps for the ``duration`` (s) of its scene."""
+        if self.force is None:
+            raise SceneError("drive.force", problem="is missing", allowed="a number (N); for a table a list, or a file")
+        values = self.model_dump(exclude={"file"})
+        if self.shape == "chirp" and self.sweep is None:
+            values["sweep"] = duration
+        return Drive(**values)
+
+
+class Precompression(RawTable):
+    """Table [chain.precompression]."""
+
+    force: float
+
+
+class Sampling(RawTable):
+    """Table [sampling]."""
+
+    count: int = 500
+
+
+class Environment(RawTable):
+    """Table [environment]: each key is an argument of Scene; its description begins with its unit.
+
+    Scene files that are written, and templates with the value under ``examples``, follow from these declarations.
+    """
+
+    gravity: Annotated[float, Field(description="m/s^2, positive towards the last body", examples=[9.81])] = 0.0
+    drag: Annotated[float, Field(description="1/s: a force -drag mass velocity on each body", examples=[1.0])] = 0.0
+
+    @classmethod
+    def template_lines(cls) -> list[str]:
+        """Return the table as lines that are commented out, with the example and the description of each key."""
+        keys = [
+            (f"#{key} = {(field.examples or [0.0])[0]!r}", field.description) for key, field in cls.model_fields.items()
+        ]
+        return ["#[environment]", *(f"{setting:<31}# {description}" for setting, description in keys)]
+
+    @classmethod
+    def units(cls) -> dict[str, str]:
+        """Return the unit of each key."""
+        return {key: re.split("[,:]", field.description or "")[0] for key, field in cls.model_fields.items()}
+
+
+class MeasurementTable(Table):
+    """Table [measurement]: files of measured values, and parameters of the scene with their standard uncertainties."""
+
+    file: str | list[str]
+    """CSV file, or several, relative to the folder of the scene file."""
+    source: str = ""
+    """Who measured what and how, or where the figure was published."""
+    kind: Literal["measured", "digitised", "synthetic"] = "measured"
+    parameters: dict[str, Positive] = {}
+    """Standard uncertainty of each parameter: of its value relative to the scene's, or absolute."""
+    fit: list[str] | None = None
+    """Parameters that are fitted; None means all that are declared for the whole scene."""
+
+
+class ChainKeys(Table):
+    """Keys of [chain] that all forms have."""
+
+    wall_left: WallTable | None = None
+    wall_right: WallTable | None = None
+    precompression: Precompression | None = None
+    damping: DampingTable | None = None
+    adhesion: AdhesionTable | None = None
+    drive: DriveTable | None = None
+
+
+class SceneKeys(Table):
+    """Keys of a scene file that all forms have."""
+
+    name: str
+    duration: float
+    description: str = ""
+    sampling: Sampling = Sampling()
+    environment: Environment = Environment()
+    measurement: MeasurementTable | None = None
+
+
+# raw form: numbers as lists; RawTable is the last base, because the settings of the last one count
+
+
+class RawChain(ChainKeys, RawTable):
+    """Table [chain] of the raw form."""
+
+    mass: list[float]
+    stiffness: list[float]
+    velocity: list[float]
+    exponent: Numbers = 2.5
+    gap: Numbers = 0.0
+    spacing: float | None = None
+
+
+class RawScene(SceneKeys, RawTable):
+    """A scene file in raw form."""
+
+    chain: RawChain

@@ -1,5 +1,0 @@
-"""Scene files: reading TOML into a Scene, and writing it back."""
-
-from dem_bridge.scene_file.load import MAIN_SCENES, load_scene, parse_scene, scene_of, shipped_scenes
-
-__all__ = ["MAIN_SCENES", "load_scene", "parse_scene", "scene_of", "shipped_scenes"]

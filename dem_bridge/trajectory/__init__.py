@@ -1,0 +1,1 @@
+"""The answer as a read-only value: samples, peaks, crossing times and their uncertainties."""

@@ -1,0 +1,310 @@
+"""Draw the figures of the report by matplotlib; panels that are compared share their scales."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+from typing import cast
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from dem_bridge.backends.base import ENGINE_BACKENDS
+from dem_bridge.backends.steps import order_on
+from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.report.drawing import SHEET, WIDTH, draw_figure
+from dem_bridge.report.scales import power_of_ten
+from dem_bridge.report.strokes import BLACK, BLUE, GREEN, STYLES, VERMILION
+from dem_bridge.report.study import FigureData, Map, Panel, Series
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
+from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.budget import Budget
+from dem_bridge.verification.roles import REFERENCE, THEORY, TWIN
+
+#: in place of a scene, for observables that are read off a run alone
+NO_SCENE = cast(Scene, None)
+#: labels of backends in figures
+LABELS = {**dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"), REFERENCE: "reference", THEORY: "BCA"}
+
+
+def body_noun(scene: Scene) -> str:
+    """Return "cylinder" or "sphere" if all bodies but the first have this shape, else "body".
+
+    >>> import dem_bridge as db
+    >>> [body_noun(db.load_scene(name)) for name in ("decelerating-40", "dimer-1-1", "sphere-cylinder-sphere")]
+    ['cylinder', 'sphere', 'body']
+    """
+    shapes = set() if scene.geometry is None else {body.shape for body in scene.geometry.bodies[1:]}
+    return shapes.pop() if len(shapes) == 1 else "body"
+
+
+def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
+    """Draw the velocity of each body against time (figures 2a and 2c of the paper), with the arrivals of the BCA.
+
+    The runs are those of LAMMPS, or of the reference without LAMMPS. All panels share the colour scale. Returns None
+    without a run.
+    """
+    runs = [(study, study.run(study.engine) or study.run(REFERENCE)) for study in studies]
+    shown = [(study, run) for study, run in runs if run is not None and study.scene.n_body > 2]
+    if not shown:
+        return None
+    ends = [_time_after_front(run) for _, run in shown]
+    if max(ends) < 2.0 * min(ends):
+        ends = [max(ends)] * len(ends)  # chains of similar duration share the time axis
+    panels = []
+    for (study, run), end in zip(shown, ends, strict=True):
+        theory = study.run(THEORY)
+        panels.append(
+            spacetime_panel(
+                run,
+                f"{study.scene.name} ({_shown_backend(study)})",
+                fronts={} if theory is None else {THEORY: theory},
+                until=end,
+                first=1 if study.scene.drive is None else 0,
+                body=body_noun(study.scene),
+            )
+        )
+    return _draw([replace(panel, shares_scale_with=tuple(range(len(shown)))) for panel in panels])
+
+
+def spacetime_panel(
+    run: Trajectory,
+    title: str,
+    *,
+    fronts: Mapping[str, Trajectory] = MappingProxyType({}),
+    until: float | None = None,
+    first: int = 0,
+    body: str = "body",
+) -> Panel:
+    """Return a panel with the velocity of the bodies from index ``first`` on against time.
+
+    ``until`` is the last time, s; the default is shortly after the front has passed. ``fronts`` are the runs of
+    theories whose arrivals are drawn as lines, by name. ``body`` is the label of the axis of bodies.
+    """
+    end = _time_after_front(run) if until is None else until
+    rows = max(1, int(np.searchsorted(run.time, end, side="right")))
+    bodies = np.arange(float(first), run.velocity.shape[1])
+    arrival = OBSERVABLES["arrival"].value
+    lines = {name: arrival(NO_SCENE, theory)[1:] for name, theory in fronts.items()}
+    return Panel(
+        title=title,
+        x_label=body,
+        y_label="time (ms)",
+        map=Map(label="velocity (m/s)", x=bodies, y=1e3 * run.time[:rows], values=run.velocity[:rows, first:]),
+        series=tuple(
+            Series(
+                label=f"front by {LABELS.get(name, name)}", style=name, x=np.arange(1.0, 1.0 + len(line)), y=1e3 * line
+            )
+            for name, line in lines.items()
+        ),
+    )
+
+
+def along_panel(
+    runs: Mapping[str, Trajectory],
+    title: str,
+    y_label: str,
+    name: str,
+    *,
+    scene: Scene | None = None,
+    factor: float = 1.0,
+    styles: Sequence[str] | None = None,
+    body: str = "body",
+) -> Panel:
+    """Return a panel with an observable of bodies 1 to n_body-2 along the chain, for runs by label.
+
+    ``factor`` is that from the observable's unit to that of the label. ``styles`` are the styles of the runs; the
+    default follows from their backends. ``scene`` is not needed for times of the front.
+    """
+    styles = [run.provenance["backend"] for run in runs.values()] if styles is None else styles
+    parts = (OBSERVABLES[name].value, OBSERVABLES[name].uncertainty)
+    series = []
+    for (label, run), style in zip(runs.items(), styles, strict=True):
+        value, uncertainty = (factor * part(scene or NO_SCENE, run)[1:-1] for part in parts)
+        series.append(Series(label=label, style=style, x=np.arange(1.0, len(value) + 1.0), y=value, bar=uncertainty))
+    return Panel(title=title, x_label=body, y_label=y_label, series=tuple(series))
+
+
+def residence_panel(
+    runs: Mapping[str, Trajectory], title: str, *, styles: Sequence[str] | None = None, body: str = "body"
+) -> Panel:
+    """Return a panel with the residence time of the impulse at each body."""
+    label = "residence time (µs)"
+    return along_panel(runs, title, label, "residence_time", factor=1e6, styles=styles, body=body)
+
+
+def front_along_chain(studies: Sequence[SceneStudy]) -> Figure | None:
+    """Draw the residence time and the wave speed along each chain by reference, LAMMPS and BCA (figure 3 of the paper).
+
+    Returns None without a scene that has a front and at least two residence times.
+    """
+    # a driven chain has no single front
+    shown = [
+        study
+        for study in studies
+        if study.scene.n_body > 3 and study.scene.drive is None and study.run(REFERENCE) is not None
+    ]
+    if not shown:
+        return None
+    labelled = [
+        {LABELS[name]: run for name in (REFERENCE, THEORY, study.engine) if (run := study.run(name)) is not None}
+        for study in shown
+    ]
+    rows = [
+        [
+            residence_panel(runs, study.scene.name, body=body_noun(study.scene))
+            for study, runs in zip(shown, labelled, strict=True)
+        ]
+    ]
+    if all(study.scene.spacing is not None for study in shown):
+        rows.append(
+            [
+                along_panel(
+                    runs,
+                    study.scene.name,
+                    "wave speed (m/s)",
+                    "wave_speed",
+                    scene=study.scene,
+                    body=body_noun(study.scene),
+                )
+                for study, runs in zip(shown, labelled, strict=True)
+            ]
+        )
+    panels = [
+        replace(panel, shares_scale_with=tuple(range(nth * len(row), (nth + 1) * len(row))))
+        for nth, row in enumerate(rows)
+        for panel in row
+    ]
+    return _draw(panels, columns=len(shown))
+
+
+@rc_context(SHEET)
+def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
+    """Draw the velocity errors of LAMMPS and its twin against the time step, and the difference between the two."""
+    shown = [study for study in studies if any(max(errors) > 0.0 for _, errors in study.refinement.values())]
+    if not shown:
+        return None
+    figure, axes = _panels(1, len(shown), width=0.5 * WIDTH, height=2.8)
+    for ax, study in zip(axes, shown, strict=True):
+        for name, style in (
+            (study.engine, {**STYLES[study.engine], "label": "LAMMPS - reference"}),
+            (TWIN, {"color": GREEN, "linestyle": "none", "marker": "x", "label": "twin - reference"}),
+        ):
+            if name in study.refinement:
+                ax.loglog(*study.refinement[name], **style)
+        steps, errors = next(iter(study.refinement.values()))
+        guide = np.array([max(steps), min(steps)])
+        slope = order_on(study.scene)
+        line = errors[0] * (guide / steps[0]) ** slope
+        ax.loglog(guide, line, color="0.6", linewidth=1.0, label=f"slope {slope}", zorder=0)
+        between = [v for v in study.verdicts if v.backend == study.engine and v.reference == TWIN]
+        run = study.run(study.engine)
+        if between and run is not None:
+            step = run.provenance["settings"]["dt"]
+            ax.loglog([step], [between[0].difference], color=BLUE, marker="D", linestyle="none", label="LAMMPS - twin")
+        ax.set(title=study.scene.name, xlabel="time step (s)")
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_formatter(FuncFormatter(power_of_ten))
+            axis.set_minor_formatter(NullFormatter())
+        ax.grid(alpha=0.25)
+    axes[0].set_ylabel("velocity difference / largest velocity")
+    # one legend for all panels, unless their slopes differ
+    for ax in axes if len({order_on(study.scene) for study in shown}) > 1 else axes[-1:]:
+        ax.legend()
+    return figure
+
+
+@rc_context(SHEET)
+def error_budget(studies: Sequence[SceneStudy]) -> Figure | None:
+    """Draw the error budget of LAMMPS on one scene for each quantity, with the same axis for all."""
+    [study] = studies
+    rows = [_values(budget) for budget in study.budgets]
+    values = [value for row in rows for value in row.values() if 0.0 < value < np.inf]
+    if not values:
+        return None
+    figure, axes = _panels(-(-len(rows) // 2), min(2, len(rows)), width=0.5 * WIDTH, height=2.0)
+    for ax in axes[len(rows) :]:
+        ax.remove()
+    axes = axes[: len(rows)]
+    low, high = 0.3 * max(min(values), 1e-18), 300.0 * max(values)
+    for ax, budget in zip(axes, study.budgets, strict=True):
+        budget_on(ax, budget, (low, high))
+        ax.set_title(budget.quantity.replace("_", " "))
+    for ax in axes[::2]:
+        ax.invert_yaxis()  # shared by a row
+    figure.supxlabel(f"{study.scene.name}: difference / scale of the quantity", fontsize=8.5)
+    return figure
+
+
+def budget_on(ax: Axes, budget: Budget, limits: tuple[float, float] | None = None) -> None:
+    """Draw the total error, each contribution and the unexplained error as horizontal bars.
+
+    A dotted line is the allowed unexplained error. ``limits`` are the ends of the axis; the default follows from the
+    values.
+    """
+    row = _values(budget)
+    values = [value for value in row.values() if 0.0 < value < np.inf] or [1e-16]
+    low, high = (0.3 * max(min(values), 1e-18), 300.0 * max(values)) if limits is None else limits
+    colours = [BLACK, *[BLUE] * len(budget.parts), VERMILION]
+    ax.barh(list(row), [min(max(value, low), high) for value in row.values()], color=colours)
+    for place, value in enumerate(row.values()):
+        ax.annotate(
+            "0" if value == 0.0 else f"{value:.1e}" if np.isfinite(value) else "unknown",
+            (min(max(value, low), high), place),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+            bbox={"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.6},
+        )
+    ax.axvline(budget.allowed, color=VERMILION, linestyle=":", linewidth=1.2)
+    ax.set(xscale="log", xlim=(low, high))
+    ax.xaxis.set_major_locator(LogLocator(numticks=5))
+    ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
+    ax.grid(axis="x", alpha=0.25)
+
+
+def _time_after_front(run: Trajectory) -> float:
+    """Return a time shortly after the front has reached the last body, s, or the end if it never does."""
+    last = float(run.crossing_time[-1]) if len(run.crossing_time) else np.nan
+    return min(1.15 * last, float(run.time[-1])) if np.isfinite(last) else float(run.time[-1])
+
+
+def _values(budget: Budget) -> dict[str, float]:
+    """Return the values of a budget by label."""
+    return {"total error": budget.found, **budget.parts, "unexplained": budget.unexplained}
+
+
+def _draw(panels: Sequence[Panel], columns: int | None = None) -> Figure:
+    """Draw panels as a figure."""
+    return draw_figure(FigureData(id="", title="", caption="", panels=tuple(panels), columns=columns or len(panels)))
+
+
+def _panels(rows: int, columns: int, *, width: float, height: float) -> tuple[Figure, NDArray[np.object_]]:
+    """Return a figure with axes in rows and columns; ``width`` and ``height`` are those of a panel, inches."""
+    figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, sharey="row", squeeze=False)
+    return figure, axes.ravel()
+
+
+def _shown_backend(study: SceneStudy) -> str:
+    """Return the label of the run that is drawn: LAMMPS, or the reference without LAMMPS."""
+    return "LAMMPS" if study.run(study.engine) is not None else "reference"
+
+
+__all__ = [
+    "LABELS",
+    "budget_on",
+    "convergence",
+    "error_budget",
+    "front_along_chain",
+    "residence_panel",
+    "spacetime_maps",
+    "spacetime_panel",
+]

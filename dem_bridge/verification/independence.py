@@ -1,0 +1,112 @@
+"""Who shares what: the modules that two backends have in common, read from their imports.
+
+Two codes that agree prove nothing where they share what is wrong. What all of them share is the language they speak
+(scenes, trajectories, errors); anything else that a pair has in common is listed here, apart for the values of a run
+and for its uncertainty.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from itertools import combinations
+from pathlib import Path
+from types import MappingProxyType
+
+from dem_bridge.backends.base import BACKENDS
+from dem_bridge.runs.code import rule_of
+
+#: what every backend speaks: nothing in it solves anything
+LANGUAGE = frozenset(
+    f"dem_bridge.{name}"
+    for name in (
+        "backends.base", "errors", "foundation.compiled", "foundation.leftovers", "foundation.progress",
+        "foundation.stopwatch", "runs.cache", "runs.case", "runs.code", "runs.keys", "runs.store", "scene.contacts",
+        "scene.features", "scene.scene", "scene.support", "trajectory.trajectory",
+    )
+)  # fmt: skip
+#: modules through which nothing reaches the values of a run. ``tabled`` gives the twin the tables of a deck for the
+#: uncertainty of LAMMPS, and for its own values with ``tables=True`` only; ``roundoff`` writes a comment of a deck
+ASIDE = frozenset(f"dem_bridge.backends.{name}" for name in ("roundoff", "tabled"))
+#: a backend that answers through another where its own method does not fit, and says so in the run's provenance
+ANSWERS_THROUGH: Mapping[str, str] = MappingProxyType({"reference": "scipy"})
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Short names of the modules that a pair of backends has in common."""
+
+    values: tuple[str, ...]
+    uncertainty: tuple[str, ...]
+    """For the uncertainty only."""
+
+
+def shared(first: str, other: str) -> Shared:
+    """Return the modules that two backends of ``BACKENDS`` share.
+
+    >>> shared("reference", "bca").values
+    ()
+    """
+    values = _reached(first, without=ASIDE) & _reached(other, without=ASIDE)
+    return Shared(_short(values), _short(_reached_by_uncertainty(first) & _reached_by_uncertainty(other) - values))
+
+
+def matrix() -> dict[tuple[str, str], Shared]:
+    """Every pair of backends, in the order of ``BACKENDS``."""
+    return {pair: shared(*pair) for pair in combinations(BACKENDS, 2)}
+
+
+def _short(modules: Iterable[str]) -> tuple[str, ...]:
+    return tuple(sorted(name.split(".")[-1] for name in modules))
+
+
+def _reached(backend: str, without: frozenset[str] = frozenset()) -> frozenset[str]:
+    """Modules that a backend imports, and they in turn; the language left out, and what lies behind ``without``."""
+    start = BACKENDS[backend].module
+    other = ANSWERS_THROUGH.get(backend)
+    stops = LANGUAGE | without | ({BACKENDS[other].module} if other else set())
+    return _closure(start, stops)
+
+
+def _reached_by_uncertainty(backend: str) -> frozenset[str]:
+    """Modules that a run of a backend and its uncertainty import."""
+    own = _closure(rule_of(backend), LANGUAGE) if BACKENDS[backend].uncertainty else frozenset[str]()
+    return _reached(backend) | own
+
+
+def _closure(start: str, stops: frozenset[str]) -> frozenset[str]:
+    results, waiting = {start}, [start]
+    while waiting:
+        for name in _imports(waiting.pop()) - results - stops:
+            results.add(name)
+            waiting.append(name)
+    return frozenset(results)
+
+
+@cache
+def _imports(module: str) -> frozenset[str]:
+    """Modules of this package that a module's source names, in functions too; for type checkers alone too."""
+    spec = find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+    ours = {name for name in names if name.startswith("dem_bridge.")}
+    return frozenset(name for name in ours if _is_module(name))
+
+
+@cache
+def _is_module(name: str) -> bool:
+    try:
+        spec = find_spec(name)
+    except ModuleNotFoundError:  # its parent is a module, so this is a name in it
+        return False
+    # a package's own file says nothing here
+    return spec is not None and spec.submodule_search_locations is None

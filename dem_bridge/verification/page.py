@@ -1,0 +1,70 @@
+"""Write a verification as files: its page shows runs, budgets and shared modules beside what every study has."""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import partial
+from typing import Any
+
+from markupsafe import Markup
+
+from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
+from dem_bridge.foundation.notebook import scene_sketch
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.cells import KINDS, valued
+from dem_bridge.report.page import study_files
+from dem_bridge.runs.recall import recall
+from dem_bridge.runs.store import Store
+from dem_bridge.verification import crate
+from dem_bridge.verification.independence import ANSWERS_THROUGH, matrix
+from dem_bridge.verification.pictures import picture_of_runs
+from dem_bridge.verification.roles import BLANES_MOAN, POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
+from dem_bridge.verification.scope import scope
+from dem_bridge.verification.verification import Verification
+
+NAMES = {
+    **dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"),
+    TWIN: "twin",
+    POSITIONAL: "twin in positions",
+    REFERENCE: "reference",
+    SCIPY: "scipy",
+    BLANES_MOAN: "Blanes-Moan",
+    THEORY: "BCA",
+}
+#: tables that the page of a verification shows in another form
+_SHOWN_OTHERWISE = ("claims", "verdicts")
+
+
+def verification_files(study: Verification, store: Store | None = None) -> dict[str, str | bytes]:
+    """Return the files of a verification by name, for the paper with an RO-Crate; pictures are kept in ``store``."""
+    files = study_files(study, store, template=("verification.html.j2", __package__), **_shown(study, store))
+    if study.claims:
+        files[crate.NAME] = crate.crate(study, files)
+    return files
+
+
+def _shown(study: Verification, store: Store | None) -> dict[str, Any]:
+    """Return what the page shows beside the parts that every study has."""
+    counts = Counter(verdict.outcome for verdict in study.verdicts)
+    # scenes of the paper without refinement levels have no figures of their own
+    with_figures = [
+        chain
+        for chain in study.studies
+        if not study.claims or any(len(steps) > 1 for steps, _ in chain.refinement.values())
+    ]
+    return {
+        "picture_of": partial(picture_of_runs, store=store),
+        "paper": bool(study.claims),
+        "scope": scope(study),
+        "sketch": lambda chain: Markup(scene_sketch(chain.scene)),
+        "tables": [table for table in study.tables if table.id not in _SHOWN_OTHERWISE],
+        "counts": [(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
+        "kinds": KINDS,
+        "valued": valued(study.claims),
+        "with_figures": with_figures,
+        "with_theory": lambda pair: any(chain.run(THEORY) is not None for chain in pair),
+        "names": NAMES,
+        "backends": tuple(BACKENDS),
+        "shares": recall(store, "shared modules", [], matrix),
+        "answers_through": ANSWERS_THROUGH,
+    }

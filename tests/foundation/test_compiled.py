@@ -1,0 +1,56 @@
+"""Kernels are compiled when they are called, and numba is imported then."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numba
+import pytest
+
+from dem_bridge.backends.curves import POWERS, curves_of
+from dem_bridge.foundation.compiled import kernel
+from dem_bridge.scene.scene import Scene, Wall
+
+
+@kernel(nogil=False)
+def _square(number):  # type: ignore[no-untyped-def]
+    return number * number
+
+
+@kernel()
+def _cube(number):  # type: ignore[no-untyped-def]
+    return number * _square(number)
+
+
+def test_a_kernel_calls_another_and_is_compiled_when_it_is_called() -> None:
+    assert vars(_cube)["__name__"] == "_cube"
+    assert (_cube(3.0), _cube.py_func(3.0)) == (27.0, 27.0)
+    assert [one.compiled.signatures for one in (_square, _cube)] == [[(numba.float64,)]] * 2
+
+
+@pytest.mark.parametrize("backend", ["lammps", "verlet", "reference", "scipy_dop853"])
+def test_a_backend_is_imported_without_numba(backend: str) -> None:
+    code = f"import sys, dem_bridge.backends.{backend}; sys.exit('numba' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_walls_and_laws_need_no_kernels_of_their_own() -> None:
+    plain = Scene(name="three", duration=1e-5, mass=(1e-2,) * 3, stiffness=(4e9,) * 2, velocity=(0.8, 0.0, 0.0))
+    walled = replace(plain, wall_left=Wall(stiffness=4e9), wall_right=Wall(stiffness=4e9))
+    of_walls, of_all = (numba.typeof((c.left, c.right)) for c in (walled.contacts, plain.contacts))
+    assert of_walls == of_all
+    law = replace(plain, law=lambda overlap: 4e9 * overlap**1.5)
+    assert numba.typeof(curves_of(law)) == numba.typeof(POWERS)
+
+
+@pytest.mark.parametrize("cause", [KeyboardInterrupt, ValueError])
+def test_ctrl_c_at_the_end_of_a_compiled_function_is_that_and_no_system_error(cause: type[BaseException]) -> None:
+    def returned_with_an_exception_set() -> None:
+        raise SystemError("returned a result with an exception set") from cause()
+
+    one = kernel()(returned_with_an_exception_set)
+    one.__dict__["compiled"] = returned_with_an_exception_set
+    with pytest.raises(KeyboardInterrupt if cause is KeyboardInterrupt else SystemError):
+        one()

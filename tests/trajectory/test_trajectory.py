@@ -1,0 +1,213 @@
+"""The one result: complete, read-only, labelled, and the same after a trip to the disk."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dem_bridge.errors import UsageError
+from dem_bridge.trajectory.trajectory import (
+    QUANTITIES,
+    SCHEMA,
+    UNKNOWN,
+    VOCABULARY,
+    Cost,
+    Trajectory,
+    Uncertainty,
+    load_trajectory,
+    own_scale,
+)
+from tests.helpers.fake_runs import free_flight, uncertain
+
+ARRAYS = ("time", *VOCABULARY)
+
+
+def _same(run: Trajectory, other: Trajectory) -> None:
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(run, name), getattr(other, name), err_msg=name)
+    for name in run.uncertainty:
+        np.testing.assert_array_equal(run.uncertainty[name], other.uncertainty[name], err_msg=f"bar of {name}")
+    assert run.cost == other.cost
+    assert dict(run.provenance) == dict(other.provenance)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_arrays_are_read_only_doubles(name: str) -> None:
+    array = getattr(free_flight(), name)
+    assert array.dtype == np.float64
+    with pytest.raises(ValueError, match="read-only"):
+        array[...] = 0.0
+
+
+def test_bars_are_read_only() -> None:
+    run = free_flight()
+    with pytest.raises(TypeError):
+        run.uncertainty["velocity"] = 0.0  # type: ignore[index]
+    with pytest.raises(ValueError, match="read-only"):
+        run.uncertainty["peak_force"][0] = 1.0
+
+
+def test_fields_and_provenance_are_read_only() -> None:
+    run = free_flight()
+    with pytest.raises(FrozenInstanceError):
+        run.time = np.zeros(5)  # type: ignore[misc]
+    with pytest.raises(TypeError):
+        run.provenance["backend"] = "other"  # type: ignore[index]
+
+
+def test_a_trajectory_does_not_share_memory_with_what_it_was_made_of() -> None:
+    velocity = np.ones((5, 3))
+    run = free_flight(velocity=velocity)
+    velocity[0, 0] = 7.0
+    assert run.velocity[0, 0] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [
+        ("displacement", (5, 2)),
+        ("displacement", (4, 3)),
+        ("velocity", (4, 3)),
+        ("contact_force", (5, 3)),
+        ("crossing_time", (3,)),
+    ],
+)
+def test_a_shape_that_does_not_fit_the_others_is_refused(name: str, shape: tuple[int, ...]) -> None:
+    changes: dict[str, Any] = {name: np.zeros(shape)}
+    with pytest.raises(ValueError, match=f"{name} has shape"):
+        free_flight(**changes)
+
+
+def test_one_bar_per_contact_is_kept_and_one_for_all_is_spread() -> None:
+    bars = uncertain(peak_force=[1.0, 2.0], crossing_time=math.inf)
+    run = free_flight(uncertainty=bars)
+    assert run.uncertainty["peak_force"].tolist() == [1.0, 2.0]
+    assert run.uncertainty["crossing_time"].tolist() == [math.inf, math.inf]
+    assert isinstance(run.uncertainty["velocity"], float)
+
+
+def test_an_uncertainty_has_all_four_quantities() -> None:
+    with pytest.raises(TypeError, match="displacement"):
+        Uncertainty(velocity=0.0)  # type: ignore[call-arg]
+    with pytest.raises(KeyError):
+        UNKNOWN["contact_force"]
+
+
+def test_a_run_for_which_nothing_was_estimated_has_an_infinite_uncertainty() -> None:
+    run = free_flight(uncertainty=UNKNOWN)
+    assert set(run.uncertainty) == set(QUANTITIES)
+    assert all(np.all(np.isinf(value)) for value in run.uncertainty.values())
+    assert run.uncertainty["peak_force"].shape == (2,)
+
+
+def test_a_pickled_trajectory_arrives_the_same() -> None:
+    run = free_flight(provenance={"backend": "fake", "settings": {"dt": 1e-8}})
+    _same(pickle.loads(pickle.dumps(run)), run)
+
+
+def test_the_dataset_has_labels_units_and_bars() -> None:
+    dataset = free_flight().to_xarray()
+    assert dict(dataset.sizes) == {"time": 5, "body": 3, "contact": 2}
+    for name, (unit, _, dims) in VOCABULARY.items():
+        assert dataset[name].attrs["units"] == unit
+        assert dataset[name].dims == dims
+    assert dataset["time"].attrs["units"] == "s"
+    assert {name for name in dataset.data_vars if str(name).endswith("_uncertainty")} == {
+        f"{name}_uncertainty" for name in QUANTITIES
+    }
+    assert dataset.attrs["schema"] == SCHEMA
+    assert json.loads(dataset.attrs["provenance"]) == {"backend": "fake"}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"uncertainty": uncertain(velocity=math.inf, peak_force=[1e-300, math.inf])},
+        {
+            "uncertainty": uncertain(
+                parts={"time_step": 0.1},
+                roundoff_floor=1e-300,
+                sampling={"velocity": 0.0},
+                cost=Cost(wall=1.0, cpu=math.nan, steps=2, force_evaluations=3),
+            )
+        },
+        {"crossing_time": [math.nan, 0.1], "contact_force": np.full((5, 2), np.nan)},
+        {"provenance": {"backend": "fake", "settings": {"dt": 1e-8}, "lammps": {"packages": ["GRANULAR"]}}},
+        {"contacts": 0},
+        {"bodies": 1, "contacts": 0, "samples": 1},
+    ],
+    ids=["plain", "uncertainty", "parts of the uncertainty", "nan", "provenance", "no contacts", "smallest"],
+)
+def test_what_is_saved_is_loaded_bit_for_bit(tmp_path: Path, changes: dict[str, Any]) -> None:
+    run = free_flight(**changes)
+    run.save(tmp_path / "run.nc")
+    _same(load_trajectory(tmp_path / "run.nc"), run)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
+
+
+def test_saving_replaces_an_older_file(tmp_path: Path) -> None:
+    file = tmp_path / "run.nc"
+    free_flight(samples=9).save(file)
+    free_flight(samples=2).save(str(file))
+    assert len(load_trajectory(file).time) == 3
+
+
+def test_a_save_that_fails_leaves_the_older_file_and_no_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "run.nc"
+    free_flight(samples=9).save(file)
+
+    def full_disk(self: object, path: Path, **_: object) -> None:
+        Path(path).write_bytes(b"half")
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr("xarray.Dataset.to_netcdf", full_disk)
+    with pytest.raises(UsageError, match="No space left"):
+        free_flight(samples=2).save(file)
+    monkeypatch.undo()
+    assert len(load_trajectory(file).time) == 10
+    assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
+
+
+def test_a_missing_file_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"nope\.nc: no such file"):
+        load_trajectory(tmp_path / "nope.nc")
+
+
+@pytest.mark.parametrize("content", [b"", b"time,velocity\n0,1\n"], ids=["empty", "text"])
+def test_a_file_of_another_kind_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "run.nc"
+    file.write_bytes(content)
+    with pytest.raises(UsageError, match=r"run\.nc: not a netCDF-4 file"):
+        load_trajectory(file)
+
+
+def test_half_a_file_is_refused_by_name(tmp_path: Path) -> None:
+    file = tmp_path / "run.nc"
+    free_flight().save(file)
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(UsageError, match=r"run\.nc: not a netCDF-4 file"):
+        load_trajectory(file)
+
+
+@pytest.mark.parametrize(("version", "advice"), [(0, ""), (99, "; a newer dem_bridge wrote it: update")])
+def test_another_schema_is_refused_by_its_name(tmp_path: Path, version: int, advice: str) -> None:
+    file = tmp_path / "run.nc"
+    dataset = free_flight().to_xarray()
+    dataset.attrs["schema"] = f"dem-bridge/trajectory/{version}"
+    dataset.to_netcdf(file, engine="h5netcdf")
+    with pytest.raises(UsageError) as refused:
+        load_trajectory(file)
+    read = "'dem-bridge/trajectory/1', 'dem-bridge/trajectory/2'"
+    assert str(refused.value) == f"{file}: schema = 'dem-bridge/trajectory/{version}'; allowed: {read}{advice}"
+
+
+def test_a_small_value_has_the_scale_of_a_thousandth_of_the_largest() -> None:
+    assert own_scale(np.array([2.0, -0.5, 1e-9, 0.0])).tolist() == [2.0, 0.5, 2e-3, 2e-3]

@@ -1,0 +1,75 @@
+"""What judges shares nothing with what it judges, by its imports."""
+
+from __future__ import annotations
+
+import pytest
+
+from dem_bridge.backends.base import BACKENDS, backend
+from dem_bridge.verification import independence
+from dem_bridge.verification.independence import matrix, shared
+
+#: judged, judge -> what they may share for the values of a run
+JUDGED = {
+    # a drive as kernels have it is in the coarse run alone: LAMMPS has its own formula
+    # steps must be the same, and peaks be read off alike, so that both drop out of the difference; neither solves
+    ("lammps-granular", "verlet"): {"dense", "driven", "scales", "steps", "prescan"},
+    # the twin takes LAMMPS' tables where it is asked to: then their lines are common to both and drop out, and what
+    # LAMMPS makes of them is written a second time (cell, interpolation). Not asked, it knows nothing of tables
+    ("lammps-table", "verlet"): {"dense", "driven", "scales", "steps", "prescan"},
+    ("ase", "verlet"): {"dense", "driven", "scales", "steps", "prescan"},
+    # scales say what is too little to count as a collision
+    ("verlet", "reference"): {"scales"},
+    ("blanes-moan", "reference"): {"scales"},
+    ("lammps-granular", "reference"): {"scales"},
+    ("lammps-table", "reference"): {"scales"},
+    ("ase", "reference"): {"scales"},
+    ("ode45", "reference"): {"scales"},
+    ("bca", "reference"): set(),
+    ("adiabatic", "reference"): set(),
+    ("scipy", "reference"): {"scales"},
+}
+
+
+@pytest.mark.parametrize("pair", JUDGED, ids="-".join)
+def test_a_judge_shares_no_solver_with_what_it_judges(pair: tuple[str, str]) -> None:
+    assert set(shared(*pair).values) == JUDGED[pair]
+
+
+def test_only_fixed_step_codes_take_their_uncertainty_from_the_twin() -> None:
+    for pair, found in matrix().items():
+        # blanes-moan has the rules of the others, for runs of its own, and looks at a scene by the twin's coarse run
+        fixed = all(backend(name).order is not None for name in pair)
+        assert ("twin" in found.uncertainty) == fixed, pair
+        assert "twin" not in found.values
+
+
+def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_its_interpolation() -> None:
+    lent = {"pairing", "table", "law", "contact", "elliptic", "coefficients", "encoding", "tabled", "version"}
+    lent |= {"valid"}  # limits of numbers, and no formula
+    emulated = {"cell", "interpolation", "splitting", "twin"}
+    rules = {"differences", "family", "fixed_step", "grazes", "moments", "readings", "twins"}
+    found = shared("lammps-table", "verlet")
+    assert set(found.uncertainty) == lent | emulated | {"curves", "fused"} | rules
+    # what LAMMPS reads is written without the emulation
+    reached = independence._short(independence._reached("lammps-table", without=independence.ASIDE))
+    assert not emulated & set(reached)
+
+
+def test_the_matrix_has_every_pair_once() -> None:
+    assert len(matrix()) == len(BACKENDS) * (len(BACKENDS) - 1) // 2
+
+
+def test_a_solver_that_is_shared_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = independence._imports
+
+    def planted(module: str) -> frozenset[str]:
+        more = {"dem_bridge.backends.twin"} if module == "dem_bridge.backends.taylor" else set()
+        return honest(module) | more
+
+    monkeypatch.setattr(independence, "_imports", planted)
+    assert "twin" in shared("verlet", "reference").values
+
+
+def test_the_fallback_of_the_reference_is_named_and_real() -> None:
+    for one, other in independence.ANSWERS_THROUGH.items():
+        assert BACKENDS[other].module in independence._imports(BACKENDS[one].module)
