@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.api.guests import STUDIES
 from dem_bridge.backends import base
 from dem_bridge.backends.base import BACKENDS, backend
 from dem_bridge.backends.catalogue import Entry
@@ -31,7 +32,6 @@ from dem_bridge.cli import main
 from dem_bridge.observables import registry
 from dem_bridge.runs.planning.predict import EVALUATIONS
 from dem_bridge.scene.scene import Scene
-from dem_bridge.studies.catalogue import STUDIES
 from dem_bridge.studies.paper.runs import BESIDE
 from dem_bridge.verification.verify import plan_scene
 from tests.conftest import Solve

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dem_bridge.api.guests import SCENES, guest_named, study_named
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.foundation.files import check_report_folder
@@ -48,7 +49,7 @@ def study(
     Parameters
     ----------
     name : str
-        Name of the study, one of :data:`dem_bridge.studies.catalogue.STUDIES`.
+        Name of the study, one of :data:`dem_bridge.api.guests.STUDIES`.
     scene : Scene, str or Path, optional
         Scene, name of a shipped scene or path of a scene file. Some studies have scenes of their own.
     folder : str or Path, optional
@@ -88,7 +89,6 @@ def study(
     """
     check_arguments(study, locals())
     from dem_bridge.runs.campaign import jobs_of
-    from dem_bridge.studies.catalogue import study_named
 
     function = study_named(name)
     parameters = inspect.signature(function).parameters
@@ -181,11 +181,9 @@ def minimal(
     ('decelerating-40-on-base.least', None, 'without the base, at 1 %')
     """
     check_arguments(minimal, locals())
-    from dem_bridge.studies.model_hierarchy.models import least_scene
-
-    scene = scene_of(scene)
-    return least_scene(
-        scene,
+    least_scene = guest_named(SCENES, "minimal", "dem_bridge.minimal")
+    least: Scene = least_scene(
+        scene_of(scene),
         accuracy=accuracy,
         observables=observables,
         window=window,
@@ -193,3 +191,4 @@ def minimal(
         progress=progress,
         store=Store.opened(store),
     )
+    return least

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dem_bridge.api.guests import VERIFICATIONS, guest_named
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.foundation.files import check_report_folder, write_whole
@@ -122,9 +123,7 @@ def verify(
         "store": kept,
     }
     if whole:
-        from dem_bridge.studies.paper.study import verify_paper
-
-        verification = verify_paper(**settings)
+        verification: Verification = guest_named(VERIFICATIONS, PAPER, f"verify {PAPER}")(**settings)
     else:
         verification = verify_scenes(chosen, **settings)
     write_found(verification, folder=folder, bundle=bundle, engine=lammps, store=kept)

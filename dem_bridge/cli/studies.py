@@ -13,9 +13,9 @@ from typing import Any
 import click
 
 import dem_bridge
+from dem_bridge.api.guests import STUDIES, study_named
 from dem_bridge.cli import terminal
 from dem_bridge.cli.options import parameters, print_json, scene_names
-from dem_bridge.studies.catalogue import STUDIES, study_named
 
 #: annotation of a parameter -> type of its option
 _TYPES = {"float": click.FLOAT, "int": click.INT, "str": click.STRING}

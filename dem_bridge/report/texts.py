@@ -49,8 +49,8 @@ class Texts:
 
     Each may hold fields in braces, which are filled with the values of the call.
 
-    >>> Texts("bands", "dem_bridge.studies")("oscillation", share=0.021, small="small")
-    'The oscillation of the overlaps is 2.1 % of the static overlaps: small.'
+    >>> Texts("scope", "dem_bridge.verification")("validation")
+    'None: no result is compared with a measurement.'
     """
 
     def __init__(self, name: str, package: str) -> None:

@@ -24,7 +24,7 @@ class Measurement:
     """Files of measured values, their source, and the uncertain parameters of the scene.
 
     ``files`` are CSV files. ``parameters`` maps the name of each uncertain parameter to its standard uncertainty (see
-    :data:`dem_bridge.studies.measurement.parameters.KINDS`). ``fit`` are the parameters that are fitted; None means
+    the study "measurement" for the names). ``fit`` are the parameters that are fitted; None means
     all that belong to the whole scene.
 
     Examples

@@ -1,0 +1,87 @@
+"""Studies are guests: without their folder everything else works, and what needs them says so in one line."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dem_bridge.api.guests import SCENES, STUDIES, VERIFICATIONS, function_of
+from tests.helpers.recipes import ROOT
+
+IMPORT_ALL = """
+import importlib, pkgutil, sys
+import dem_bridge
+names = [module.name for module in pkgutil.walk_packages(dem_bridge.__path__, "dem_bridge.")]
+assert len(names) > 200 and not any(name.startswith("dem_bridge.studies") for name in names)
+for name in names:
+    if name not in ("dem_bridge.cli.__main__", "dem_bridge.lmp.worker", "dem_bridge.foundation.isolated_child"):
+        importlib.import_module(name)
+"""
+
+
+@pytest.mark.parametrize("entry", [*VERIFICATIONS.values(), *SCENES.values()], ids=lambda entry: entry.function)
+def test_every_guest_that_is_no_study_has_its_function(entry: object) -> None:
+    assert callable(function_of(entry))  # type: ignore[arg-type]
+
+
+def test_only_the_catalogue_of_guests_knows_the_studies() -> None:
+    files = {file for file in (ROOT / "dem_bridge").rglob("*.py") if "studies" not in file.relative_to(ROOT).parts[:-1]}
+    assert {file.name for file in files if "import dem_bridge.studies" in file.read_text()} == set()
+    assert {file.name for file in files if "from dem_bridge.studies" in file.read_text()} == set()
+    assert len(STUDIES) > 10
+
+
+@pytest.fixture(scope="module")
+def without_studies(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("without")
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "dem_bridge", folder / "dem_bridge", ignore=ignored)
+    shutil.rmtree(folder / "dem_bridge" / "studies")
+    return folder
+
+
+def _run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(folder), "DEM_BRIDGE_STORE": "", "NUMBA_DISABLE_JIT": "1"}
+    words = (sys.executable, *words)
+    return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words",
+    ["scenes", "study --help", "run decelerating-40 --backend bca", "deck decelerating-40 -o DECKS"],
+)
+def test_without_the_studies_other_commands_work(without_studies: Path, words: str, tmp_path: Path) -> None:
+    done = _run(without_studies, "-m", "dem_bridge.cli", *words.replace("DECKS", str(tmp_path)).split())
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            "verify paper -o DECKS",
+            "verify paper needs the studies of dem_bridge, which are not installed; install",
+        ),
+        ("study order decelerating-40", "No such command 'order'"),
+    ],
+)
+def test_without_the_studies_what_needs_them_says_so(
+    without_studies: Path, words: str, said: str, tmp_path: Path
+) -> None:
+    done = _run(without_studies, "-m", "dem_bridge.cli", *words.replace("DECKS", str(tmp_path / "r")).split())
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+def test_without_the_studies_every_module_is_imported(without_studies: Path) -> None:
+    done = _run(without_studies, "-c", IMPORT_ALL)
+    assert done.returncode == 0, done.stderr
