@@ -111,17 +111,43 @@ def _check_number(key: str, value: Any, low: float, high: float, *, whole: bool)
 
 @dataclass(frozen=True, kw_only=True)
 class Sampling:
-    """At which times to answer: ``count`` equal steps from 0 to the scene's duration."""
+    """State at which times to answer: ``count`` equal steps from 0 to the scene's duration, or ``given`` times.
 
-    count: int
+    >>> Sampling(count=2).times(1e-4).tolist(), Sampling(given=(0.0, 3e-5, 1e-4)).count
+    ([0.0, 5e-05, 0.0001], 2)
+    """
+
+    count: int = 0
+    given: tuple[float, ...] = ()
+    """Times, s, from 0 to the scene's duration, increasing; empty: equal steps."""
 
     def __post_init__(self) -> None:
+        if self.given:
+            times = np.array(self.given, dtype=np.float64)
+            if times[0] != 0.0 or not np.all(np.isfinite(times)) or not np.all(np.diff(times) > 0.0):
+                raise UsageError(f"given times = {shown(self.given)}; allowed: finite times (s) that increase from 0")
+            object.__setattr__(self, "given", tuple(times.tolist()))
+            object.__setattr__(self, "count", len(times) - 1)
         _check_number("samples", self.count, 1, MOST_SAMPLES, whole=True)
         object.__setattr__(self, "count", int(self.count))
 
+    @property
+    def equal_steps(self) -> int:
+        """Return the number of equal steps; UsageError where the times are given, which a fixed step would miss."""
+        if self.given:
+            raise UsageError(
+                f"the times of the {self.count} samples are given; allowed with a fixed step: a count of equal steps;"
+                " take backend = 'reference' or 'scipy'"
+            )
+        return self.count
+
     def times(self, duration: float) -> NDArray[np.float64]:
-        """Return the sample times, s, ``(count + 1,)``."""
-        return np.linspace(0.0, duration, self.count + 1)
+        """Return the sample times, s, ``(count + 1,)``; UsageError where given times do not end at ``duration``."""
+        if self.given and self.given[-1] != duration:
+            raise UsageError(
+                f"given times end at {self.given[-1]:g} s; allowed: the duration of the scene, {duration:g} s"
+            )
+        return np.array(self.given) if self.given else np.linspace(0.0, duration, self.count + 1)
 
 
 @dataclass(frozen=True)

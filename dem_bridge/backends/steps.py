@@ -45,7 +45,7 @@ def default_step(scene: Scene, sampling: Sampling, prescan: Prescan, phase: floa
     """Return the step of a run for which none is given, s; ``phase``: part of 1/omega of the stiffest contact."""
     if prescan.frequency > 0.0:
         return round_step(phase / prescan.frequency)
-    return scene.duration / sampling.count
+    return scene.duration / sampling.equal_steps
 
 
 def fixed_step_plan(
@@ -54,7 +54,7 @@ def fixed_step_plan(
     """Return the steps of a fixed-step run, the same for LAMMPS and twin; ``phase``: as in :func:`default_step`."""
     dt = resolution.dt if resolution.dt is not None else default_step(scene, sampling, prescan, phase)
     return schedule(
-        duration=scene.duration, samples=sampling.count, dt=dt, frequency=prescan.frequency, bodies=scene.n_body
+        duration=scene.duration, samples=sampling.equal_steps, dt=dt, frequency=prescan.frequency, bodies=scene.n_body
     )
 
 

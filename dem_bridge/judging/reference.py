@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_reason
 from dem_bridge.errors import UnsupportedScene, UsageError
@@ -20,17 +19,6 @@ from dem_bridge.trajectory.trajectory import Floats
 
 #: quantities of a file that can be judged, with their units
 UNITS: Mapping[str, str] = MappingProxyType({"velocity": "m/s", "displacement": "m", "contact_force": "N"})
-
-
-@dataclass(frozen=True, kw_only=True)
-class _GivenTimes(Sampling):
-    """Sampling at any times: ``instants`` (s) start with 0 and increase."""
-
-    instants: tuple[float, ...]
-
-    def times(self, duration: float) -> NDArray[np.float64]:
-        """Return the given times."""
-        return np.array(self.instants)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,7 +74,7 @@ def reference_at(scene: Scene, time: Floats) -> ReferenceSamples:
         raise UnsupportedScene(f"there is no reference solution of {scene.name}, so nothing can be judged: {reason}")
     instants = time if time[0] == 0.0 else np.concatenate([[0.0], time])
     scene = replace(scene, duration=float(time[-1]))
-    sampling = _GivenTimes(count=len(instants) - 1, instants=tuple(instants.tolist()))
+    sampling = Sampling(given=tuple(instants.tolist()))
     run = solve(Case(scene=scene, backend="reference", resolution=Resolution(), sampling=sampling), RunCache())
     rows = slice(len(instants) - len(time), None)
     values = {name: getattr(run, name)[rows] for name in UNITS}

@@ -62,7 +62,7 @@ def run_key(
     """
     if backend in ENGINE_BACKENDS:
         engine = engine or Engine.chosen()
-    parts = {"backend": backend, "resolution": vars(resolution), "samples": sampling.count}
+    parts = {"backend": backend, "resolution": vars(resolution), "sampling": vars(sampling)}
     code = code_of_run(backend, uncertainty=uncertainty)
     return _key("run" if uncertainty else _WITHOUT, [scene], engine, code, parts)
 

@@ -269,3 +269,26 @@ def test_a_sampling_refuses_what_is_no_count(count: Any) -> None:
 
 def test_a_trajectory_of_any_backend_is_one_type(solved: Solve) -> None:
     assert {type(solved(PULSE, name, dt=1e-7)) for name in ("verlet", "scipy", "bca")} == {Trajectory}
+
+
+@pytest.mark.parametrize(
+    ("given", "part"),
+    [((1e-6, 2e-6), "increase from 0"), ((0.0, 2e-6, 2e-6), "increase from 0"), ((0.0, math.inf), "finite times"),
+     ((0.0,), "samples = 0")],
+)  # fmt: skip
+def test_times_that_no_run_can_have_are_refused(given: tuple[float, ...], part: str) -> None:
+    with pytest.raises(UsageError, match=part):
+        Sampling(given=given)
+
+
+@pytest.mark.parametrize("name", ["verlet", "blanes-moan", "ase"])
+def test_a_fixed_step_refuses_given_times_which_it_would_miss(name: str) -> None:
+    times = Sampling(given=(0.0, 0.3 * PULSE.duration, PULSE.duration))
+    with pytest.raises(UsageError, match="a count of equal steps"):
+        backend(name).run(PULSE, Resolution(dt=1e-7), times)
+
+
+def test_given_times_end_with_the_scene() -> None:
+    assert Sampling(given=(0.0, 1e-5, 3e-5)).times(3e-5).tolist() == [0.0, 1e-5, 3e-5]
+    with pytest.raises(UsageError, match="the duration of the scene"):
+        Sampling(given=(0.0, 1e-5)).times(3e-5)

@@ -27,6 +27,8 @@ from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs import code, keys
 from dem_bridge.runs import store as module
+from dem_bridge.runs.cache import load_run
+from dem_bridge.runs.case import Case
 from dem_bridge.runs.keys import run_key, study_key
 from dem_bridge.runs.store import Store, default_folder
 from dem_bridge.scene.scene import Damping, Scene, Wall
@@ -241,6 +243,36 @@ def test_a_renamed_scene_has_the_same_key_unless_its_name_is_in_a_deck() -> None
 
 def test_backend_and_samples_are_in_the_key() -> None:
     assert len({_key(), _key(backend="reference"), _key(samples=21)}) == 3
+
+
+def test_given_times_are_in_the_key_and_another_case_is_not_found_in_the_store(tmp_path: Path) -> None:
+    def case(*times: float) -> Case:
+        how = {"resolution": Resolution(), "uncertainty": False}
+        return Case(scene=SCENE, backend="reference", sampling=Sampling(given=times), **how)
+
+    end = SCENE.duration
+    first, other = case(0.0, 0.1 * end, end), case(0.0, 0.6 * end, end)
+    even = replace(first, sampling=Sampling(count=2))
+    store = Store(tmp_path)
+    assert first.key is not None
+    store.save(first.key, first.solve())
+    found = load_run(first, store)
+    assert found is not None
+    assert found.time.tolist() == [0.0, 0.1 * end, end]
+    # planted by hand before the times were in the key: the second case was given the times of the first
+    assert load_run(other, store) is None
+    assert load_run(even, store) is None
+
+
+@given(data=st.data())
+def test_any_change_of_any_field_of_a_sampling_is_another_key(data: st.DataObject) -> None:
+    samplings = st.builds(Sampling, count=st.integers(1, 1000)) | st.lists(
+        st.floats(1e-9, 1.0), min_size=1, max_size=4, unique=True
+    ).map(lambda times: Sampling(given=(0.0, *sorted(times))))
+    one, other = data.draw(samplings), data.draw(samplings)
+    assert (run_key(SCENE, "reference", Resolution(), one) == run_key(SCENE, "reference", Resolution(), other)) == (
+        one == other
+    )
 
 
 def _changed_file(name: str) -> Any:
