@@ -22,10 +22,11 @@ from dem_bridge.foundation.compiled import interruptible, kernel
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.lmp.cell import pair_force
 from dem_bridge.scene import features
+from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.support import Support
 from dem_bridge.trajectory.dense import Schedule, Turns, at_turns
-from dem_bridge.trajectory.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: radius of the bodies, m, or that of each along their line, walls included
 Radius = float | NDArray[np.float64]
@@ -93,11 +94,45 @@ def solve(
         settings["table_points"] = tables.value.shape[1]
     costs: Mapping[str, Any] = {"watch": watch, "evaluations": len(method.drifts) * plan.steps + 1}
     if len(tables.law) == 0 and FUSED.covers(scene):
-        dense, farthest, largest, turns = _march(method, scene, plan, radius, full)
+        dense, farthest, largest, turns = _march(method, scene, scene.contacts, plan, radius, full)
         check_finite(code, scene, plan, dense.velocity)
         peaks = at_turns(turns, largest, exponent=scene.contacts.exponent, resolution=touching_in_flight(farthest))
         return read_off(code, scene, plan, dense, settings, peaks=peaks, **costs), dense
-    c = scene.contacts
+    dense = _stepped(method, scene, scene.contacts, plan, radius, tables, cells)
+    return read_off(code, scene, plan, dense, settings, **costs), dense
+
+
+class Motion(NamedTuple):
+    """The motion of a scene at the samples of a schedule: a solve without peaks, cost and provenance."""
+
+    time: Floats
+    """s, ``(n_t,)``."""
+    displacement: Floats
+    """m, ``(n_t, n_body)``; velocity (m/s) likewise."""
+    velocity: Floats
+
+
+def solve_motion(code: Named, method: Method, scene: Scene, plan: Schedule, contacts: Contacts | None = None) -> Motion:
+    """Return the motion at the samples of a schedule, bit for bit that of :func:`solve`, for searches of many solves.
+
+    ``contacts``: those of the scene with other gaps (None: its own); the duration is that of the schedule. Raises
+    RunBroken where velocities are not finite.
+    """
+    c = scene.contacts if contacts is None else contacts
+    if FUSED.covers(scene):
+        dense = _march(method, scene, c, plan, 0.0, full=False)[0]
+    else:
+        dense = _stepped(method, scene, c, plan, 0.0, EXACT, CELLS)
+    check_finite(code, scene, plan, dense.velocity)
+    keep = slice(None, None, (len(dense.velocity) - 1) // plan.samples)
+    time = np.linspace(0.0, plan.steps * plan.step, plan.samples + 1)
+    return Motion(time, dense.displacement[keep, :-1], dense.velocity[keep, :-1])
+
+
+def _stepped(
+    method: Method, scene: Scene, c: Contacts, plan: Schedule, radius: Radius, tables: Tables, cells: int
+) -> Dense:
+    """Run the plain kernel, and return its dense samples."""
     arrays = interruptible(
         integrate,
         np.array(scene.mass),
@@ -115,19 +150,18 @@ def solve(
         tables,
         curves_of(scene, cells),
     )
-    dense = Dense(*arrays)
-    return read_off(code, scene, plan, dense, settings, **costs), dense
+    return Dense(*arrays)
 
 
 def _march(
-    method: Method, scene: Scene, plan: Schedule, radius: Radius, full: bool
+    method: Method, scene: Scene, c: Contacts, plan: Schedule, radius: Radius, full: bool
 ) -> tuple[Dense, float, NDArray[np.float64], Turns]:
     """Run the fast kernel, and return its results in the order of the scene.
 
     They are the kept samples, the farthest displacement (m), the largest force of each contact at the dense samples (N)
     and the turns.
     """
-    c, n = scene.contacts, scene.n_body
+    n = scene.n_body
     line = line_of(scene)
     first, last = int(scene.wall_left is None), n + int(scene.wall_right is not None)
 

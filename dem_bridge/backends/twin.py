@@ -11,8 +11,9 @@ import numpy as np
 
 from dem_bridge.backends import splitting
 from dem_bridge.backends.curves import CELLS
-from dem_bridge.backends.splitting import EXACT, Method, Radius, Tables
+from dem_bridge.backends.splitting import EXACT, Method, Motion, Radius, Tables
 from dem_bridge.backends.steps import Dense
+from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.trajectory.trajectory import Trajectory
@@ -39,6 +40,11 @@ def solve_plan(
     with 0 is the round-off of such a code.
     """
     return splitting.solve(TWIN, VERLET, scene, plan, radius=radius, tables=tables, cells=cells, full=False)[0]
+
+
+def solve_motion(scene: Scene, plan: Schedule, contacts: Contacts | None = None) -> Motion:
+    """Return the motion of the twin on given steps, see :func:`~dem_bridge.backends.splitting.solve_motion`."""
+    return splitting.solve_motion(TWIN, VERLET, scene, plan, contacts)
 
 
 def solve_dense(scene: Scene, plan: Schedule, radius: Radius, tables: Tables = EXACT) -> tuple[Trajectory, Dense]:

@@ -7,12 +7,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.observables.interpolate import acceleration, contact_motion, hermite, integrals, require_known_forces
+from dem_bridge.observables.interpolate import (
+    Moving,
+    acceleration,
+    contact_motion,
+    hermite,
+    integrals,
+    require_known_forces,
+)
+from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 
-def momentum(scene: Scene, trajectory: Trajectory) -> Floats:
+def momentum(scene: Scene, trajectory: Moving) -> Floats:
     """Return the total momentum, kg m/s, ``(n_t,)``; it is constant where the scene ``conserves_momentum``.
 
     Without walls the loads on both ends of a precompressed chain cancel, and damping forces act on both bodies of a
@@ -26,15 +34,16 @@ def momentum_uncertainty(scene: Scene, trajectory: Trajectory) -> Floats:
     return np.full(len(trajectory.time), sum(scene.mass) * trajectory.uncertainty["velocity"])
 
 
-def energy_parts(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
+def energy_parts(scene: Scene, trajectory: Moving, contacts: Contacts | None = None) -> tuple[Floats, Floats, Floats]:
     """Return kinetic, contact and potential energy, J, ``(n_t,)`` each.
 
     Contacts store ``beta overlap^n / n`` or the energy of their law; the potential energy is ``-(m g + load) x``.
+    ``contacts``: those of the scene with other gaps; None: its own.
     """
     require_known_forces(scene, "energies")
-    mass, c = np.array(scene.mass), scene.contacts
+    mass, c = np.array(scene.mass), contacts or scene.contacts
     kinetic = 0.5 * trajectory.velocity**2 @ mass
-    overlap = np.maximum(contact_motion(scene, trajectory)[0], 0.0)
+    overlap = np.maximum(contact_motion(scene, trajectory, c)[0], 0.0)
     stored = c.energy(overlap, np.arange(scene.n_contact)).sum(axis=1)
     potential = -scene.gravity * trajectory.displacement @ mass - trajectory.displacement @ scene.load
     return np.asarray(kinetic), np.asarray(stored), np.asarray(potential)

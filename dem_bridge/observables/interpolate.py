@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -17,6 +18,7 @@ from numpy.polynomial.polynomial import polyval
 
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.scene import features
+from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.support import Support
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
@@ -151,9 +153,23 @@ def integrals(
     return done[np.searchsorted(edges, time)], np.abs(result - parts(2)).sum(axis=0)
 
 
-def contact_motion(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:
+class Moving(Protocol):
+    """Displacements (m) and velocities (m/s) at samples, ``(n_t, n_body)``: a trajectory, or the motion alone."""
+
+    @property
+    def displacement(self) -> Floats:
+        """Displacements."""
+        ...
+
+    @property
+    def velocity(self) -> Floats:
+        """Velocities."""
+        ...
+
+
+def contact_motion(scene: Scene, trajectory: Moving, contacts: Contacts | None = None) -> tuple[Floats, Floats]:
     """Return overlaps (m; < 0: a gap) and closing velocities (m/s) at samples, ``(n_t, n_contact)`` both."""
-    c = scene.contacts
+    c = contacts or scene.contacts
     # a wall is one more body at rest
     x, v = (np.pad(motion, ((0, 0), (0, 1))) for motion in (trajectory.displacement, trajectory.velocity))
     return x[:, c.left] - x[:, c.right] - c.gap, v[:, c.left] - v[:, c.right]

@@ -27,6 +27,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import rayleigh_time_of
 from dem_bridge.studies.stability import step_limits
 from dem_bridge.studies.stability.step_limits import Limit, Stepper, energies, stable_step, twin
+from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.roles import GRANULAR, TWIN
 
@@ -172,8 +173,9 @@ def engine_on(scene: Scene, engine: Engine | None) -> Stepper | None:
     deepest = float(np.max(prescan_scene(scene).peak_overlap, initial=0.0))
     chosen, radius = backend(GRANULAR, engine), ROOM * surrogate_radius(deepest)
 
-    def run(scene: Scene, dt: float) -> Trajectory:
-        return chosen.run(scene, Resolution(dt=dt, surrogate_radius=radius), Sampling(count=scene.samples))
+    def run(scene: Scene, plan: Schedule, wider: float) -> Trajectory:
+        resolution = Resolution(dt=plan.step, surrogate_radius=radius)
+        return chosen.run(step_limits.scene_on(scene, plan, wider), resolution, Sampling(count=plan.samples))
 
     return run
 
@@ -199,9 +201,9 @@ class Trap:
 
 def trap_of(result: Measured, stepper: Stepper, backend: str, dt: float) -> Trap:
     """Compare a run at ``dt`` (s) with the reference; all numbers are inf where it breaks."""
-    scene, truth = step_limits.at_step(result.scene, dt), result.truth
+    scene, truth = result.scene, result.truth
     try:
-        run = stepper(scene, dt)
+        run = stepper(scene, step_limits.steps_of(scene, dt), 0.0)
     except RunBroken:
         return Trap(backend=backend, dt=dt)
     # the end of the scene need not fall on a step

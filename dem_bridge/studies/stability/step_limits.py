@@ -18,16 +18,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dem_bridge.backends.twin import solve_plan
+from dem_bridge.backends.splitting import Motion
+from dem_bridge.backends.twin import solve_motion
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy_parts, momentum
 from dem_bridge.observables.interpolate import state_at
+from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
-#: a code on a scene at a step (s) of which each sample has a whole number
-Stepper = Callable[[Scene, float], Trajectory]
+#: a code on the steps of a schedule on a scene, whose first gap is wider by so much (m)
+Stepper = Callable[[Scene, Schedule, float], Motion | Trajectory]
 #: parts of a step at which the first touch may fall
 PHASES = tuple((i + 0.5) / 8.0 for i in range(8))
 #: neighbouring steps that are tried, the range of good steps after which all below count as good, and the resolution
@@ -93,10 +95,23 @@ def largest_step(
     return Limit(good=good, bad=bad, window=window)
 
 
-def twin(scene: Scene, dt: float) -> Trajectory:
-    """Run the twin without searching between the samples: peaks and crossings of such a run are not accurate."""
-    per_sample = round(scene.duration / scene.samples / dt)
-    return solve_plan(scene, Schedule(step=dt, per_sample=per_sample, subdivisions=1, samples=scene.samples))
+def twin(scene: Scene, plan: Schedule, wider: float = 0.0) -> Motion:
+    """Return the motion of the twin."""
+    return solve_motion(scene, plan, contacts_of(scene, wider))
+
+
+def contacts_of(scene: Scene, wider: float) -> Contacts:
+    """Return the contacts of a scene whose first gap is wider by so much (m)."""
+    gap = scene.contacts.gap.copy()
+    gap[:1] += wider
+    return replace(scene.contacts, gap=gap) if wider else scene.contacts
+
+
+def scene_on(scene: Scene, plan: Schedule, wider: float) -> Scene:
+    """Return the scene that lasts as long as a schedule, for codes that need one; its first gap is wider (m)."""
+    assert isinstance(scene.gap, tuple)  # set when the scene was made
+    gap = (scene.gap[0] + wider, *scene.gap[1:]) if wider else scene.gap
+    return replace(scene, gap=gap, duration=plan.steps * plan.step, samples=plan.samples)
 
 
 def struck(scene: Scene) -> bool:
@@ -106,25 +121,19 @@ def struck(scene: Scene) -> bool:
     return still and not outer and scene.n_body > 1
 
 
-def at_step(scene: Scene, dt: float, phase: float = 0.0, *, samples: int | None = None) -> Scene:
-    """Return the scene over whole steps of ``dt`` (s), at least for its own duration.
+def steps_of(scene: Scene, dt: float, *, samples: int | None = None) -> Schedule:
+    """Return whole steps of ``dt`` (s), at least for the duration of the scene.
 
-    The first touch of a struck scene is later by ``phase`` of a step. Each step is a sample or, where there would be
-    more than ``samples``, each multiple of steps.
+    Each step is a sample or, where there would be more than ``samples``, each multiple of steps.
     """
     steps = max(1, math.ceil(scene.duration / dt * (1.0 - 1e-9)))
     each = math.ceil(steps / (samples or steps))
-    count = math.ceil(steps / each)
-    if phase > 0.0:
-        assert isinstance(scene.gap, tuple)  # set when the scene was made
-        gap = (scene.gap[0] + phase * scene.velocity[0] * dt, *scene.gap[1:])
-        scene = replace(scene, gap=gap)
-    return replace(scene, duration=count * each * dt, samples=count)
+    return Schedule(step=dt, per_sample=each, subdivisions=1, samples=math.ceil(steps / each))
 
 
-def energies(scene: Scene, run: Trajectory) -> tuple[Floats, Floats]:
+def energies(scene: Scene, run: Motion | Trajectory, wider: float = 0.0) -> tuple[Floats, Floats]:
     """Return kinetic and total energy, J, ``(n_t,)`` both; without walls in the frame of the centre of mass."""
-    kinetic, stored, potential = energy_parts(scene, run)
+    kinetic, stored, potential = energy_parts(scene, run, contacts_of(scene, wider))
     if scene.wall_left is None and scene.wall_right is None:
         kinetic = kinetic - momentum(scene, run) ** 2 / (2.0 * sum(scene.mass))
         potential = -run.displacement @ scene.load
@@ -139,19 +148,19 @@ def in_motion(scene: Scene, truth: Trajectory) -> float:
     return most
 
 
-def energy_gain(scene: Scene, run: Trajectory, scale: float) -> float:
+def energy_gain(scene: Scene, run: Motion | Trajectory, scale: float, wider: float = 0.0) -> float:
     """Return the permanent growth of the run's energy, in units of ``scale`` (J); inf where it is not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
-        total = energies(scene, run)[1]
+        total = energies(scene, run, wider)[1]
         gain = (np.min(total[-max(1, len(total) // 4) :]) - total[0]) / scale
     return float(gain) if np.isfinite(gain) else math.inf
 
 
 def gain_of(stepper: Stepper, scene: Scene, dt: float, phase: float, scale: float) -> float:
     """:func:`energy_gain` at a step (s); inf where the run breaks."""
-    moved = at_step(scene, dt, phase)
+    wider = phase * scene.velocity[0] * dt
     try:
-        return energy_gain(moved, stepper(moved, dt), scale)
+        return energy_gain(scene, stepper(scene, steps_of(scene, dt), wider), scale, wider)
     except RunBroken:
         return math.inf
 
@@ -188,9 +197,9 @@ def velocity_error(stepper: Stepper, scene: Scene, truth: Trajectory, dt: float,
     It is inf for a broken run. ``truth`` is a run of the unchanged scene, with samples so close that the error of a
     polynomial between them does not count.
     """
-    moved = at_step(scene, dt, phase, samples=MOST_SAMPLES)
+    plan = steps_of(scene, dt, samples=MOST_SAMPLES)
     try:
-        run = stepper(moved, dt)
+        run = stepper(scene, plan, phase * scene.velocity[0] * dt)
     except RunBroken:
         return math.inf
     late = phase * dt

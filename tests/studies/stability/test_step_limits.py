@@ -10,6 +10,8 @@ import pytest
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.reference import Reference
+from dem_bridge.backends.splitting import Motion
+from dem_bridge.backends.twin import solve_plan
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.physics.dispersion import dispersion
 from dem_bridge.scene.scene import Scene, Wall
@@ -20,16 +22,18 @@ from dem_bridge.studies.stability.step_limits import (
     Limit,
     Stepper,
     accurate_step,
-    at_step,
     energies,
     energy_gain,
     gain_of,
     largest_step,
+    scene_on,
     stable_step,
+    steps_of,
     struck,
     twin,
     velocity_error,
 )
+from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.trajectory.trajectory import Trajectory
 
 PAIR = chain("pair", (1e-2, 1e-2), (4e9,))
@@ -73,7 +77,7 @@ def test_an_energy_that_is_never_looked_at_is_caught(pair: Measured, monkeypatch
     monkeypatch.setattr("dem_bridge.studies.stability.step_limits.energy_gain", lambda *_: 0.0)
     monkeypatch.setattr("dem_bridge.studies.stability.step_limits.MOST_TRIES", 40)
     with pytest.raises(RunBroken, match="no largest step"):
-        stable(pair, lambda scene, dt: twin(at_step(PAIR, 1e-6), 1e-6))
+        stable(pair, lambda *_: twin(PAIR, steps_of(PAIR, 1e-6)))
 
 
 def held() -> Scene:
@@ -92,8 +96,8 @@ def test_a_linear_chain_is_stable_up_to_2_over_its_highest_mode() -> None:
     # at omega dt = 2 (1 + d) a mode grows by sqrt(8 d) each step: in 300 steps, d = 1e-3 doubles any energy many times
     assert limit.good * top == pytest.approx(2.0, rel=FINEST - 1.0 + 1e-3)
 
-    def longer(scene: Scene, dt: float) -> Trajectory:
-        return twin(replace(scene, duration=1.05 * scene.duration), 1.05 * dt)
+    def longer(scene: Scene, plan: Schedule, wider: float) -> Motion:
+        return twin(scene, replace(plan, step=1.05 * plan.step), wider)
 
     # planted: a code that steps by 5 % more than it is asked for
     assert stable(found, longer).good * top == pytest.approx(2.0 / 1.05, rel=FINEST - 1.0 + 1e-3)
@@ -113,10 +117,10 @@ def test_what_a_contact_gives_back_is_no_gain(pair: Measured) -> None:
     """Half way through an impact the energy of velocity-Verlet is up; kept is what remains."""
     # here, by phase, an impact takes a little over two steps and gives back what it took
     dt = 1.5 / pair.pair
-    scene = at_step(PAIR, dt, 0.5)
-    run = twin(scene, dt)
-    total = energies(scene, run)[1] / pair.scale
-    assert np.max(total) - total[0] > 0.1 > 3.0 * abs(energy_gain(scene, run, pair.scale))
+    wider = 0.5 * PAIR.velocity[0] * dt
+    run = twin(PAIR, steps_of(PAIR, dt), wider)
+    total = energies(PAIR, run, wider)[1] / pair.scale
+    assert np.max(total) - total[0] > 0.1 > 3.0 * abs(energy_gain(PAIR, run, pair.scale, wider))
 
 
 def test_the_phase_of_the_touch_counts(pair: Measured) -> None:
@@ -134,11 +138,11 @@ def test_speed_changes_nothing_but_the_scale(pair: Measured) -> None:
 
 
 def test_an_error_is_told_from_none_and_from_another(pair: Measured) -> None:
-    def reference(scene: Scene, dt: float) -> Trajectory:
-        return Reference().run(scene, Resolution(), Sampling(count=scene.samples))
+    def reference(scene: Scene, plan: Schedule, wider: float) -> Trajectory:
+        return Reference().run(scene_on(scene, plan, wider), Resolution(), Sampling(count=plan.samples))
 
-    def softer(scene: Scene, dt: float) -> Trajectory:
-        return reference(replace(scene, stiffness=tuple(0.99 * k for k in scene.stiffness)), dt)
+    def softer(scene: Scene, plan: Schedule, wider: float) -> Trajectory:
+        return reference(replace(scene, stiffness=tuple(0.99 * k for k in scene.stiffness)), plan, wider)
 
     # between samples a polynomial stands for the truth; next to a touch it is good to a few 1e-9
     assert velocity_error(reference, PAIR, pair.truth, 1e-6, 0.3) < 1e-7
@@ -168,3 +172,12 @@ def test_lammps_breaks_where_the_twin_does(pair: Measured) -> None:
         assert gain_of(lmp, PAIR, dt, phase, pair.scale) == pytest.approx(
             gain_of(twin, PAIR, dt, phase, pair.scale), rel=1e-9
         )
+
+
+@pytest.mark.parametrize("scene", [PAIR, replace(PAIR, exponent=2.4)], ids=["fused kernel", "plain kernel"])
+def test_a_motion_is_the_run_of_the_scene_it_stands_for_bit_for_bit(scene: Scene) -> None:
+    plan, wider = steps_of(scene, 1e-6, samples=20), 1e-7
+    motion, run = twin(scene, plan, wider), solve_plan(scene_on(scene, plan, wider), plan)
+    for name in ("time", "displacement", "velocity"):
+        assert getattr(motion, name).tobytes() == getattr(run, name).tobytes()
+    assert motion.velocity.tobytes() != twin(scene, plan).velocity.tobytes()
