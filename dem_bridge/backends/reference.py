@@ -41,6 +41,10 @@ SECOND_ORDER = 22
 #: body lighter than those that move it would be, see :func:`_unfelt`. At n = 2 the force of this overlap is 1e-12: it
 #: cost all runs alike 1.4e-14 of peak forces and 9e-15 of a crossing time, up to 1.4 uncertainties
 TOUCH, FORCE = 1e-12, 1e-18
+#: factor on those overlaps in the runs for the uncertainty: what the run misses, they miss twice, and the difference is
+#: its error. Where a body of 1e6 kg handed on a force 1e7 times smaller than that on itself, all runs missed 2e-11 of an
+#: overlap alike, and a crossing was 27 uncertainties from the truth
+SECOND_UNFELT = 2.0
 #: runs for the bars: each one more realisation of round-off
 REALISATIONS = 6
 MOST_STEPS = 50_000_000
@@ -70,17 +74,30 @@ class Reference(AlwaysAvailable):
         return self.solve_series(scene, sampling)
 
     def replicas(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> list[Trajectory]:
-        """Return runs of another order with every input moved by its last digit, up or down."""
+        """Return runs of another order that miss more force at touch, with every input moved by its last digit."""
         directions, (frame, velocity) = np.random.default_rng(20180305), in_common_frame(scene)
         return [
-            in_rest_frame(self.solve_series(_perturbed(frame, directions), sampling, order=SECOND_ORDER), velocity)
+            in_rest_frame(
+                self.solve_series(_perturbed(frame, directions), sampling, order=SECOND_ORDER, unfelt=SECOND_UNFELT),
+                velocity,
+                scene.drag,
+            )
             for _ in range(REALISATIONS)
         ]
 
     def solve_series(
-        self, scene: Scene, sampling: Sampling, *, order: int = ORDER, accuracy: float = ACCURACY
+        self,
+        scene: Scene,
+        sampling: Sampling,
+        *,
+        order: int = ORDER,
+        accuracy: float = ACCURACY,
+        unfelt: float = 1.0,
     ) -> Trajectory:
-        """Return a run by Taylor series whose last coefficients contribute ``accuracy`` of speeds and overlaps."""
+        """Return a run by Taylor series whose last coefficients contribute ``accuracy`` of speeds and overlaps.
+
+        ``unfelt`` is a factor on the overlaps below which forces are not felt.
+        """
         watch = Stopwatch()
         original, (scene, frame) = scene, in_common_frame(scene)
         c, n, times = scene.contacts, scene.n_body, sampling.times(scene.duration)
@@ -99,7 +116,7 @@ class Reference(AlwaysAvailable):
             of_right,
             scene.free_acceleration * unit**2,
             times / unit,
-            _unfelt(scene, speed, depth),
+            unfelt * _unfelt(scene, speed, depth),
             speed * unit if speed > 0.0 else 1.0,
             resting_acceleration(scene) * unit**2,
             order,
@@ -121,7 +138,7 @@ class Reference(AlwaysAvailable):
             cost=Cost.since(watch, steps=steps, force_evaluations=steps * (order + 1)),
             provenance=run_provenance(self, original, settings) | {"openings": openings, "closings": closings},
         )
-        return in_rest_frame(run, frame)
+        return in_rest_frame(run, frame, scene.drag)
 
 
 def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[np.float64]:

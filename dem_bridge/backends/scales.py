@@ -64,22 +64,30 @@ def pair_overlap(scene: Scene, speed: float) -> NDArray[np.float64]:
 def in_common_frame(scene: Scene) -> tuple[Scene, float]:
     """Return the scene as seen by its slowest body, and the velocity (m/s) of that body, if all move the same way.
 
-    A velocity that all bodies have in common would leave few digits for those at which they meet. With a wall or drag
-    there is a frame at rest: the scene is returned as it is, with a velocity of 0.
+    A velocity that all bodies have in common would leave few digits for those at which they meet. Drag is proportional
+    to velocity: it slows the frame as it would a free body, and the equations in it are the same. With a wall there is
+    a frame at rest: the scene is returned as it is, with a velocity of 0.
     """
     slowest = min(scene.velocity, key=abs)
-    held = scene.wall_left is not None or scene.wall_right is not None or scene.drag > 0.0
+    held = scene.wall_left is not None or scene.wall_right is not None
     if held or not all(velocity * slowest > 0.0 for velocity in scene.velocity):
         return scene, 0.0
     return replace(scene, velocity=tuple(velocity - slowest for velocity in scene.velocity)), slowest
 
 
-def in_rest_frame(run: Trajectory, velocity: float) -> Trajectory:
-    """Return a run of a scene in a frame that moves at ``velocity`` (m/s) as it is in the frame at rest."""
+def frame_velocity(velocity: float, drag: float, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the velocity (m/s) at ``time`` (s) of a frame that starts at ``velocity`` and is slowed by drag (1/s)."""
+    return np.asarray(velocity * np.exp(-drag * time))
+
+
+def in_rest_frame(run: Trajectory, velocity: float, drag: float) -> Trajectory:
+    """Return a run of a scene in a frame that starts at ``velocity`` (m/s), and has its drag, in the frame at rest."""
     if velocity == 0.0:
         return run
-    way = velocity * run.time[:, None]
-    return replace(run, velocity=run.velocity + velocity, displacement=run.displacement + way)
+    time = run.time[:, None]
+    way = -velocity * np.expm1(-drag * time) / drag if drag > 0.0 else velocity * time
+    moved = run.velocity + frame_velocity(velocity, drag, time)
+    return replace(run, velocity=moved, displacement=run.displacement + way)
 
 
 def resting_speed(scene: Scene) -> float:

@@ -157,6 +157,8 @@ class Integration:
         self.contact_force = np.zeros((rows, k))
         self.peak_force, self.crossing_time = np.zeros(k), np.full(k, np.nan)
         self.first_turns: dict[int, float] = {}
+        #: how fast the closing rate of a contact falls at its first crossing, m/s^2; the keys are their numbers
+        self.slowing_at_crossing: dict[str, float] = {}
         self.drive = None if scene.drive is None else scene.drive.function()
 
     def run(self) -> None:
@@ -358,6 +360,7 @@ class Integration:
             if first:
                 slowing = self._slowing(contact, when, y, state)
                 late = self._closing(y)[contact] / slowing if slowing > 0.0 else 0.0
+                self.slowing_at_crossing[str(contact)] = slowing
                 self.crossing_time[contact] = min(max(when + late, solver.t_old), solver.t)
 
     def _note_turn(self, contact: int, overlap: float) -> None:

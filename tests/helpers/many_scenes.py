@@ -133,20 +133,24 @@ def many() -> list[tuple[Scene, Truth]]:
 
 
 def main(arguments: list[str]) -> None:
-    """Compute truths and keep them, also when interrupted."""
+    """Compute truths and keep them, also when interrupted: then those that were not computed again stay as they are."""
     old = many() if KEPT.exists() else []
     again = arguments == ["again"]
-    pairs = {} if again else {scene.name: (scene, truth) for scene, truth in old}
+    pairs = {scene.name: (scene, truth) for scene, truth in old}
     scenes = [scene for scene, _ in old] if again else [drawn(seed) for seed in range(*map(int, arguments))]
     with tempfile.TemporaryDirectory() as folder:
         program = compiled(FIRST, Path(folder))
-        for scene in scenes:
-            if scene is None or scene.name in pairs:
-                continue
-            truth = solved(program, scene, FIRST.settings)
-            if truth is not None:
-                pairs[scene.name] = (scene, truth)
-    save(KEPT, list(pairs.values()))
+        try:
+            for scene in scenes:
+                if scene is None or (scene.name in pairs and not again):
+                    continue
+                truth = solved(program, scene, FIRST.settings)
+                if truth is not None:
+                    pairs[scene.name] = (scene, truth)
+                else:
+                    pairs.pop(scene.name, None)
+        finally:
+            save(KEPT, list(pairs.values()))
 
 
 if __name__ == "__main__":

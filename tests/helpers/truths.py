@@ -56,9 +56,8 @@ class Truth:
         missing = np.isnan(value) != np.isnan(truth)
         error = np.where(missing, math.inf, np.nan_to_num(np.abs(value - truth)))
         # the truth is rounded to a double, and is unsure by what two tolerances differ
-        allowed = (
-            bar + 2.0 * np.nan_to_num(self.doubt[quantity], nan=math.inf) + 2.0**-52 * np.nan_to_num(np.abs(truth))
-        )
+        doubt = np.nan_to_num(self.doubt[quantity], nan=math.inf, posinf=math.inf)
+        allowed = bar + 2.0 * doubt + 2.0**-52 * np.nan_to_num(np.abs(truth))
         ratio = np.divide(error, allowed, out=np.zeros_like(error), where=(error > 0.0) & np.isfinite(allowed))
         return float(np.max(np.where((error > 0.0) & (allowed == 0.0), math.inf, ratio), initial=0.0))
 

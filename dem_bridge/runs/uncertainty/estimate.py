@@ -85,8 +85,9 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
     if case.backend not in REPLICAS:
         return run.uncertainty
     from dem_bridge.backends.scipy_dop853 import ScipyDop853
-    from dem_bridge.runs.uncertainty.near_turns import widen_for_near_turns
-    from dem_bridge.runs.uncertainty.replicas import looser_rule, replica_uncertainty, rule_of
+    from dem_bridge.uncertainty.common_velocities import widen_for_common_velocities
+    from dem_bridge.uncertainty.near_turns import widen_for_near_turns
+    from dem_bridge.uncertainty.replicas import looser_rule, replica_uncertainty, rule_of
 
     looser = looser_cases(case)
     if not looser:
@@ -97,7 +98,8 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
     for number, other in enumerate(looser, start=1):
         with progress.share(number / (1 + len(looser)), 1.0 / (1 + len(looser))):
             runs.append(cache.load_or_solve(other, partial(other.solve, scipy)))
-    return widen_for_near_turns(replica_uncertainty(run, runs, looser_rule(case.scene)), case.scene, run, runs)
+    uncertainty = replica_uncertainty(run, runs, looser_rule(case.scene))
+    return widen_for_near_turns(widen_for_common_velocities(uncertainty, case.scene, run), case.scene, run, runs)
 
 
 def parts_of(case: Case, cache: RunCache) -> tuple[Case, ...] | None:

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.scene import Scene, Wall
+from tests.helpers import many_scenes
 from tests.helpers.awkward_scenes import COUNT, KINDS, awkward, awkward_scene, kind_of
+from tests.helpers.fake_runs import free_flight, uncertain
 from tests.helpers.kept_truths import load, save
 from tests.helpers.truths import DATA, FIRST, QUANTITIES, SECOND, Method, Truth, compiled, disagreements, solved
 from tests.runs.uncertainty import measure_bars
@@ -186,6 +188,39 @@ def test_the_kept_awkward_scenes_are_those_of_the_generator() -> None:
             np.testing.assert_allclose(getattr(scene, name), getattr(again, name), rtol=1e-9, atol=1e-13)
     unsure = [scene.name for scene, truth in awkward() if any(np.isinf(doubt).any() for doubt in truth.doubt.values())]
     assert unsure == []
+
+
+def test_truths_are_kept_when_their_computation_is_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    old = [(scene, _truth(scene, 0)) for scene in map(awkward_scene, range(4))]
+    file, calls = tmp_path / "kept.npz", []
+
+    def interrupted(_program: Path, scene: Scene, _settings: Any) -> Truth | None:
+        calls.append(scene.name)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return _truth(scene, 1) if len(calls) == 1 else None
+
+    for name, value in {"KEPT": file, "many": lambda: old, "solved": interrupted, "compiled": lambda *_: file}.items():
+        monkeypatch.setattr(many_scenes, name, value)
+    save(file, old)
+    with pytest.raises(KeyboardInterrupt):
+        many_scenes.main(["again"])
+    # the first is new, the second takes too long now, and the others have not been computed again
+    kept = {scene.name: truth for scene, truth in load(file, samples=4)}
+    assert list(kept) == [old[number][0].name for number in (0, 2, 3)]
+    for (scene, _), seed in zip((old[0], old[2], old[3]), (1, 0, 0), strict=True):
+        for name in QUANTITIES:
+            np.testing.assert_array_equal(kept[scene.name].values[name], _truth(scene, seed).values[name])
+
+
+@pytest.mark.parametrize("doubt", [math.inf, math.nan, 1e-9])
+def test_a_truth_says_nothing_against_a_run_where_it_is_not_sure(doubt: float) -> None:
+    run = free_flight(uncertainty=uncertain(crossing_time=np.zeros(2)))
+    value = run.crossing_time + np.array([0.0, 1e-3])
+    truth = Truth({"crossing_time": value}, {"crossing_time": np.array([0.0, doubt])})
+    # two doubts of 1e-9 s for an error of 1e-3 s
+    expected = 5e5 if doubt == 1e-9 else 0.0
+    assert truth.outside(run, "crossing_time") == pytest.approx(expected, rel=1e-3)
 
 
 def test_an_interrupted_grading_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
