@@ -42,8 +42,8 @@ SECOND_ORDER = 22
 #: cost all runs alike 1.4e-14 of peak forces and 9e-15 of a crossing time, up to 1.4 uncertainties
 TOUCH, FORCE = 1e-12, 1e-18
 #: factor on those overlaps in the runs for the uncertainty: what the run misses, they miss twice, and the difference is
-#: its error. Where a body of 1e6 kg handed on a force 1e7 times smaller than that on itself, all runs missed 2e-11 of an
-#: overlap alike, and a crossing was 27 uncertainties from the truth
+#: its error. Where a body of 1e6 kg handed on a force 1e7 times smaller than that on itself, all runs missed 2e-11 of
+#: an overlap alike, and a crossing was 27 uncertainties from the truth
 SECOND_UNFELT = 2.0
 #: runs for the bars: each one more realisation of round-off
 REALISATIONS = 6
