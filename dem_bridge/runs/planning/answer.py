@@ -142,12 +142,12 @@ def evidence_of(candidate: Candidate, settled: Settled) -> str:
 
 def errors_by_setting(settled: Settled) -> str:
     """List the errors of the best and the next coarser settings, and the largest error of the finer ones."""
-    trials = sorted({trial.setting: trial for trial in settled.trials}.values(), key=lambda trial: -trial.setting)
-    best = next((index for index, trial in enumerate(trials) if trial is settled.best), len(trials) - 1)
-    coarser, finer = trials[max(0, best + 1 - LISTED) : best + 1], trials[best + 1 :]
-    text = ", ".join(f"{trial.error:.2g} at {trial.setting:.3g}" for trial in coarser)
-    largest = max((trial.error for trial in finer), default=0.0)
-    return f"{text} and at most {largest:.2g} at {len(finer)} finer settings" if finer else text
+    assert settled.best is not None
+    errors = {trial.setting: trial.error for trial in settled.trials}
+    coarser = sorted(setting for setting in errors if setting >= settled.best.setting)[:LISTED]
+    finer = [error for setting, error in errors.items() if setting < settled.best.setting]
+    text = ", ".join(f"{errors[setting]:.2g} at {setting:.3g}" for setting in reversed(coarser))
+    return f"{text} and at most {max(finer):.2g} at {len(finer)} finer settings" if finer else text
 
 
 def _modelled(options: Options, chosen: Option) -> float:

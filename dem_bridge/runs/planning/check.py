@@ -249,7 +249,7 @@ def settle(
             setting = best.setting * min(
                 8.0, max(room * aim ** (1.0 / slope), math.sqrt(room)) if room > close else close
             )
-            if above < math.inf and not best.setting * 1.02 < setting < above / 1.02:
+            if not best.setting * 1.02 < setting < above / 1.02:
                 setting = math.sqrt(best.setting * above)
             setting = min(setting, most)
         else:
@@ -293,7 +293,7 @@ def confirm(
     """
     assert settled.best is not None
     result, best, end = settled.best, None, least
-    skips = range(2, 1 if every else MOST_SKIPPED + 1)
+    skips = () if every else range(2, MOST_SKIPPED + 1)
     tried: list[Trial] = []
     while len(tried) < MOST_CONFIRMING:
         tried.append(result)

@@ -265,8 +265,8 @@ class Planner:
             return coarse + main + EXTRAPOLATED_UNCERTAINTY * fine
 
         # the coarsest of the three must fall on the samples as well
-        least, most = 1.75 * plain.setting, 0.5 * self.options.interval
-        if least >= most or cost(most) > plain.cost:
+        least, most, limit = 1.75 * plain.setting, 0.5 * self.options.interval, EXTRAPOLATED_GAIN * plain.cost
+        if least >= most or cost(most) > limit:
             return None
         target = MARGIN[4] * self.accuracy
         # the order is 4 in place of 2
@@ -278,12 +278,12 @@ class Planner:
             return None
         trial = partial(self.judge.trial, candidate, make=make)
         settled = settle(trial, first, target, order=4.0, least=least, most=most)
-        if settled.best is None or cost(settled.best.setting) > EXTRAPOLATED_GAIN * plain.cost:
+        if settled.best is None or cost(settled.best.setting) > limit:
             return None
         least = 2.0 * self._least_by_roundoff(candidate, 0.5 * settled.best.setting, EXTRAPOLATED_ROUNDING)
         settled = confirm(trial, settled, target, order=4.0, least=least)
         best = settled.best
-        if best is None or cost(best.setting) > EXTRAPOLATED_GAIN * plain.cost:
+        if best is None or cost(best.setting) > limit:
             return None
         return replace(
             plain,
@@ -324,7 +324,7 @@ class Planner:
         if name in THEORIES:
             if reference is None:
                 raise UsageError("no reference is cheap enough to measure its error")
-            run = self.judge.run(candidate, 0.0)
+            run = self.judge.run(candidate, option.setting)
             error = measured_error(self.observable, self.scene, run, reference)
             evidence = f"its error is measured against {self.measured_against}"
         else:
@@ -337,8 +337,8 @@ class Planner:
             evidence = "its uncertainty is taken as its error"
         if not error <= self.accuracy:
             raise UsageError(f"its error is {error:.2g}" if name in THEORIES else f"its uncertainty is {error:.2g}")
-        cost = self.judge.cpu(candidate, 0.0, run.cost.cpu)
-        trial = Trial(setting=0.0, error=error, cost=run.cost)
+        cost = self.judge.cpu(candidate, option.setting, run.cost.cpu)
+        trial = Trial(setting=option.setting, error=error, cost=run.cost)
         settled = Settled(best=trial, trials=(trial,))
         return replace(option, error=error, cost=cost, settled=settled, confirmed=True, evidence=evidence)
 
@@ -378,4 +378,4 @@ class Planner:
     def _say(self, label: str) -> None:
         if self.progress is not None:
             spent = time.process_time() - self.start
-            self.progress(min(0.95, spent / max(self.expected_cpu, 1e-9)), 1, label)
+            self.progress(min(0.95, spent / self.expected_cpu), 1, label)

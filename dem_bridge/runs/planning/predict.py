@@ -97,8 +97,7 @@ class Outlook:
         if name in _FITS["adaptive"]:
             once, factor, a, b, c = _FITS["adaptive"][name]
             coarse = self.prescan.steps * (0.1 if self.scene.damped else 1.0)
-            finer = (setting / 1e-6) ** c if c != 0.0 else 1.0
-            return float(once + factor * bodies**a * coarse**b * finer)
+            return float(once + factor * bodies**a * coarse**b * (setting / 1e-6) ** c)
         kernel = f"in-house, {'fast' if FUSED.covers(self.scene) else 'plain'} kernel"
         once, row, row_body, evaluation, evaluation_body = _FITS["cost"].get(name, _FITS["cost"][kernel])
         interval = self.scene.duration / self.sampling.count
@@ -141,7 +140,7 @@ def tidy(low: float, high: float) -> float:
         unit = 10.0 ** (math.floor(math.log10(high)) - digits)
         nearest = math.floor(high / unit)
         for count in (nearest, nearest - 1):
-            value = float(f"{count * unit:.{digits}e}") if count > 0 else 0.0
+            value = float(f"{count * unit:.{digits}e}")
             if low <= value < high:
                 return value
     return low

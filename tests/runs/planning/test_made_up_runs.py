@@ -14,12 +14,12 @@ import dem_bridge as db
 from dem_bridge.backends.base import BACKENDS, Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.runs.planning import check, planner
-from dem_bridge.runs.planning.answer import Plan
-from dem_bridge.runs.planning.predict import OF_RTOL, OF_STEP, Outlook
-from dem_bridge.scene.scene import Scene
-from dem_bridge.trajectory.trajectory import Cost, Trajectory
-from tests.runs.planning.test_planner import PAIR
+from dem_bridge.planning import check, planner
+from dem_bridge.planning.answer import Plan
+from dem_bridge.planning.predict import OF_RTOL, OF_STEP, Outlook
+from dem_bridge.scene import Damping, Scene
+from dem_bridge.trajectory import Cost, Trajectory
+from tests.planning.test_planner import PAIR
 
 SAMPLES = Sampling(count=10)
 #: s between samples
@@ -113,7 +113,7 @@ def _reasons(plan: Plan) -> str:
 @pytest.mark.parametrize(
     ("reference", "codes", "used"),
     [
-        (0.14, (0.001, 5.0), True),  # seven runs take less than 1 s
+        (1.0 / 7.0, (0.001, 5.0), True),  # seven runs take 1 s
         (0.15, (0.001, 5.0), False),  # and here more
         (0.2, (0.5, 5.0), True),  # 1.4 s are less than three of the cheapest run
         (0.22, (0.5, 5.0), False),
@@ -161,7 +161,7 @@ def test_without_series_scipy_is_the_reference_at_a_tolerance_that_suffices(
 
 
 def test_progress_is_the_part_of_the_expected_time(world: World) -> None:
-    costs = {"reference": 0.1, "verlet": 2.0, "blanes-moan": 7.9, "scipy": 8.1}
+    costs = {"reference": 0.1, "verlet": 2.0, "blanes-moan": 8.0, "scipy": 8.1}
     world.predicted = lambda name, setting: costs.get(name, 9.0)
     calls: list[tuple[float, int, str]] = []
     # the search of the cheapest code has several runs of 1 s on the made-up clock
@@ -169,13 +169,130 @@ def test_progress_is_the_part_of_the_expected_time(world: World) -> None:
     world.measured = lambda name: 2.0
     world.clock = 100.0
     _plan(1e-3, *CODES, progress=lambda *words: calls.append(words))
-    # seven runs of the reference, and five runs of each option below four times the cheapest
-    expected = 7.0 * 0.1 + 5.0 * (2.0 + 7.9)
+    # seven runs of the reference, and five runs of each option up to four times the cheapest
+    expected = 7.0 * 0.1 + 5.0 * (2.0 + 8.0)
     assert calls[0] == (0.0, 1, "reference by reference")
     for nth, (part, total, label) in enumerate(calls[1:]):
         assert (part, total) == (pytest.approx(min(0.95, nth / expected), rel=1e-12), 1)
         assert label.startswith(("verlet at dt = ", "blanes-moan at dt = "))
     assert calls[-1][0] > 0.2
+
+
+def test_progress_expects_the_cheaper_of_two_references(world: World) -> None:
+    # scipy at the finest tolerance, or at one that suffices
+    world.predicted = lambda name, setting: 0.1 if name != "scipy" else 0.3 if setting <= 3e-14 else 0.2
+    world.errors = lambda name, setting: (setting / INTERVAL) ** 2
+    calls: list[tuple[float, int, str]] = []
+    _plan(0.5, "verlet", scene=SOFT, progress=lambda *words: calls.append(words))
+    # after a reference on the made-up clock, which does not count it, and a run of 1 s
+    assert [part for part, _, label in calls if label.startswith("verlet")][:2] == pytest.approx(
+        [0.0, min(0.95, 1.0 / (3.0 * 0.2 + 5.0 * 0.1))], rel=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "scene", "margin"),
+    [
+        ("verlet", PAIR, 0.8),
+        ("verlet", replace(PAIR, damping=Damping(law="dashpot", coefficient=1.0)), 0.8),
+        ("blanes-moan", PAIR, 0.6),
+        ("scipy", PAIR, 0.25),
+    ],
+    ids=["order 2", "damped", "order 4", "rtol"],
+)
+def test_errors_of_accepted_settings_are_below_the_accuracy_by_the_margin_of_their_order(
+    name: str, scene: Scene, margin: float, world: World
+) -> None:
+    world.predicted = lambda name, setting: 0.01
+    for part, taken in ((0.99, True), (1.01, False)):
+        world.errors = lambda name, setting, error=part * margin * 1e-3: error  # type: ignore[misc]
+        if taken:
+            assert _plan(1e-3, name, scene=scene).found_error == pytest.approx(0.99e-3 * margin, rel=1e-9)
+        else:
+            with pytest.raises(UsageError, match=f"{name}: the smallest measured error is"):
+                _plan(1e-3, name, scene=scene)
+
+
+def test_every_tolerance_is_confirmed_and_steps_only_where_errors_are_near_the_accuracy(world: World) -> None:
+    world.predicted = lambda name, setting: 0.01
+    # exact runs: 40 tolerances down to a quarter of the coarsest one, and steps eight neighbours apart
+    _plan(1e-3, "scipy")
+    tolerances = world.settings("scipy")
+    assert sum(rtol <= 1e-4 for rtol in tolerances) >= 40
+    _plan(1e-3, "verlet")
+    assert len(world.settings("verlet")) < 15
+
+
+def test_a_finer_run_that_confirms_serves_all_settings_down_to_a_quarter(world: World) -> None:
+    world.predicted = lambda name, setting: 1.0
+    world.errors = lambda name, setting: 0.79e-3 * (setting / 1e-7) ** 2
+    step = _plan(1e-3, "verlet").units["dt"]
+    assert world.references == []
+    # finer by two than a quarter of the step
+    assert min(world.settings("verlet")) == pytest.approx(step / 8.0, rel=0.1)
+
+
+# the step that is answered
+
+
+@pytest.mark.parametrize(("error", "step", "tidied"), [(0.0, 1.5e-5, 2e-5), (1e-3, 0.75e-5, 1e-5)])
+def test_an_answered_step_is_the_shortest_number_that_makes_as_many_steps(
+    error: float, step: float, tidied: float, world: World
+) -> None:
+    # samples are 1.5e-5 s apart: one step for each from there up to no end, two from half of it
+    world.errors = lambda name, setting: error if setting > 1e-5 else 0.0
+    plan = _plan(1e-3, "verlet", scene=replace(PAIR, duration=1.5e-4))
+    assert plan.units["dt"] == pytest.approx(step)
+    assert plan.resolution == {"dt": tidied}
+
+
+def test_only_codes_that_were_not_run_are_said_to_be_known_by_their_twin(world: World) -> None:
+    world.predicted = lambda name, setting: 0.01
+    assert "verlet was not run" not in _reasons(_plan(1e-3, "verlet"))
+    plan = _plan(1e-3, "lammps-granular")
+    assert "lammps-granular was not run: the positional twin gives the same numbers to 1e-10" in _reasons(plan)
+
+
+# what a budget buys
+
+
+def _bought(accuracy: float, budget: float, name: str | None = None, **settings: Any) -> str:
+    settings = {"sampling": SAMPLES} | settings
+    with pytest.raises(UsageError) as caught:
+        planner.plan_for(PAIR, accuracy, name=name, budget=budget, predict_only=True, **settings)
+    return str(caught.value)
+
+
+def test_a_budget_buys_the_finest_step_that_costs_as_much(world: World) -> None:
+    # half of the budget from 1e-6 s on
+    world.predicted = lambda name, setting: 0.5 if setting >= 1e-6 else 1.0
+    outlook = Outlook(scene=PAIR, prescan=prescan_scene(PAIR), sampling=SAMPLES)
+    law = OF_STEP[2]
+    first = outlook.setting(law, 1e-6 / law.spread, "velocity")
+    error = outlook.error(law, first, "velocity") * (1e-6 / first) ** 2
+    assert 1e-6 < error < 1.0
+    assert f"the budget is 0.5 s; it buys an accuracy of about {error:.1g} by verlet" in _bought(1e-6, 0.5, "verlet")
+    assert "it buys no meaningful run" in _bought(1e-6, 0.49, "verlet")
+
+
+def test_a_budget_may_buy_another_code(world: World) -> None:
+    # the theory errs by 0.07 in the time at which the last body is reached, and its cost is the whole budget
+    world.predicted = lambda name, setting: 0.5 if name == "bca" else 1.0
+    left_out = dict.fromkeys(BACKENDS.keys() - {"bca", "verlet"}, "left out")
+    words = _bought(1e-3, 0.5, observable="arrival_at_end", left_out=left_out)
+    assert "costs 1 s of CPU by verlet, and the budget is 0.5 s; it buys an accuracy of about 0.07 by bca" in words
+
+
+def test_an_error_of_one_and_more_is_no_accuracy(world: World) -> None:
+    # one sample: steps are 1e-4 s at most
+    once = Sampling(count=1)
+    outlook = Outlook(scene=PAIR, prescan=prescan_scene(PAIR), sampling=once)
+    law = OF_STEP[2]
+    for error, words in ((0.9, "an accuracy of about 0.9 by verlet"), (1.5, "no meaningful run")):
+        step = outlook.setting(law, error, "velocity")
+        assert step < 1e-4
+        world.predicted = lambda name, setting, step=step: 0.5 if setting >= step else 1.0  # type: ignore[misc]
+        assert f"it buys {words};" in _bought(1e-3, 0.5, "verlet", sampling=once)
 
 
 # which option is tried, and which is taken
@@ -265,7 +382,7 @@ def test_steps_of_lammps_are_confirmed_where_round_off_leaves_room(world: World)
     world.errors = lambda name, setting: 7.6e-9 * (setting / 3e-8) ** 2
     finest = {}
     # 0.3 of the accuracy at a quarter of the step, at half of it, or at neither
-    for part, roundoff in ((0.25, 2.9e-9), (0.5, 3.1e-9), (1.0, 1.0)):
+    for part, roundoff in ((0.25, 0.3 * 1e-8), (0.5, 3.1e-9), (1.0, 1.0)):
         world.runs.clear()
 
         def floor(step: float, radius: float, of_finest: float = roundoff) -> float:
@@ -306,6 +423,35 @@ def test_round_off_above_the_accuracy_rules_lammps_out_before_any_run(
     outlook = Outlook(scene=PAIR, prescan=prescan_scene(PAIR), sampling=SAMPLES)
     predicted = outlook.setting(OF_STEP[2], 1e-8, "velocity")
     assert steps[0] == pytest.approx(outlook.schedule(max(predicted, PAIR.duration / 5e6)).step)
+
+
+def test_round_off_rules_nothing_out_for_codes_without_positions_and_at_1e_7(world: World) -> None:
+    world.roundoff = lambda step, radius: 1.0
+    assert _plan(1e-8, "verlet").backend == "verlet"
+    assert _plan(1e-7, "lammps-granular").backend == "lammps-granular"
+
+
+def test_the_last_digits_of_all_steps_are_a_limit(world: World) -> None:
+    outlook = Outlook(scene=PAIR, prescan=prescan_scene(PAIR), sampling=SAMPLES)
+    steps = outlook.schedule(outlook.setting(OF_STEP[2], 2e-13, "velocity")).steps
+    digits = 2.0**-52 * math.sqrt(steps)
+    assert digits > 2e-13
+    with pytest.raises(UsageError, match=f"the round-off of {steps} steps adds up to {digits:.1g}; ask for less"):
+        _plan(2e-13, "verlet")
+
+
+def test_a_floor_above_the_finest_setting_is_not_that_of_the_finest(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world.predicted = lambda name, setting: 0.01
+    world.errors = lambda name, setting: 0.02
+    floor = r"verlet: the smallest measured error is 0\.02, and finer settings do not reduce it"
+    with pytest.raises(UsageError, match=floor):
+        _plan(1e-3, "verlet")
+    # at most a half more steps than the last trial had
+    monkeypatch.setattr("dem_bridge.planning.options.MOST_STEPS", 1.5 * PAIR.duration / world.settings("verlet")[-1])
+    with pytest.raises(UsageError, match=floor):
+        _plan(1e-3, "verlet")
 
 
 def test_round_off_is_the_reason_where_it_takes_a_third_of_the_accuracy(world: World) -> None:
@@ -368,6 +514,12 @@ def test_extrapolations_are_taken_where_they_cost_four_fifths_of_a_run(world: Wo
             single = world_single(plan)
             first = 2.0 * single * 100.0**0.25
             assert world.extrapolations[0] == pytest.approx(first, rel=0.05)
+            # the second step follows from the first by order 4, and aims at 0.92 of the margin
+            tried = world.extrapolations
+            enough = (0.92 * 0.6e-6 / world.extrapolated(tried[0])) ** 0.25
+            assert tried[1] == pytest.approx(tried[0] * enough, rel=0.1)
+            # the single run is confirmed before
+            assert min(world.settings("verlet")) == pytest.approx(0.25 * single, rel=0.05)
 
 
 def world_single(plan: Plan) -> float:
@@ -394,6 +546,13 @@ def test_extrapolations_are_left_out_where_they_cannot_serve(world: World) -> No
         world.roundoff = lambda step, radius, value=roundoff: value  # type: ignore[misc]
         _plan(1e-6, "lammps-granular")
         assert bool(world.extrapolations) == tried
+    # the round-off is that of the finest of the three runs, at half of the first step
+    for part, tried in ((0.4, True), (0.6, False)):
+        world.extrapolations.clear()
+        first = 2.0 * 1e-7 * 100.0**0.25
+        world.roundoff = lambda step, radius, end=part * first: 1.0 if step < end else 0.0  # type: ignore[misc]
+        _plan(1e-6, "lammps-granular")
+        assert bool(world.extrapolations) == tried
     # no step of the extrapolation serves
     world.roundoff = lambda step, radius: 0.0
     world.extrapolated = lambda step: 1e-3
@@ -404,6 +563,33 @@ def test_extrapolations_are_left_out_where_they_cannot_serve(world: World) -> No
     _extrapolating(world, 1e-6, 1e-7, 1e-6)
     _plan(1e-6, "lammps-granular")
     assert world.extrapolations == []
+
+
+def test_extrapolations_begin_at_1_75_times_the_single_step(world: World) -> None:
+    # three runs at half of a sample, 5e-6 s, are cheap, and the single one at 2e-6 s is not
+    world.errors = lambda name, setting: 0.79e-6 * (setting / 2e-6) ** 2
+    world.extrapolated = lambda step: 1e-8
+    world.predicted = lambda name, setting: 1.0 if setting < 2.1e-6 else 0.01
+    assert _plan(1e-6, "lammps-granular").resolution["order"] == "richardson"
+    # from 3e-6 s, three runs would have to be at 5.25e-6 s
+    world.extrapolations.clear()
+    world.errors = lambda name, setting: 0.79e-6 * (setting / 3.4e-6) ** 2
+    world.predicted = lambda name, setting: 1.0 if setting < 2.4e-6 else 0.9 if setting < 3.4e-6 else 0.01
+    assert _plan(1e-6, "lammps-granular").resolution.keys() == {"dt"}
+    assert world.extrapolations == []
+
+
+@pytest.mark.parametrize(("roundoff", "finest"), [(0.0, 0.25), (0.17, 0.25), (0.19, 0.5)])
+def test_extrapolations_are_confirmed_where_their_round_off_leaves_room(
+    roundoff: float, finest: float, world: World
+) -> None:
+    _extrapolating(world, 1e-8, 1e-8, 1e-7)
+    step = _plan(1e-8, "lammps-granular").units["dt"]
+    # 5/3 of it is 0.3 of the accuracy at 0.18, at a quarter of the finest of three runs
+    world.roundoff = lambda each, radius: roundoff * 1e-8 if each < 0.15 * step else 0.0
+    world.extrapolations.clear()
+    assert _plan(1e-8, "lammps-granular").units["dt"] == pytest.approx(step)
+    assert min(world.extrapolations) == pytest.approx(finest * step, rel=0.01)
 
 
 def test_extrapolations_serve_where_no_single_run_does(world: World) -> None:

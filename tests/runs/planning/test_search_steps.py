@@ -77,6 +77,50 @@ def test_a_search_between_two_settings_stays_between_them() -> None:
             failing = min(failing, setting)
 
 
+def test_a_step_that_is_predicted_between_two_settings_is_taken_if_it_is_apart_from_both() -> None:
+    # a half of the target below a setting that fails: the order that both show gives the next one
+    errors = {2.0: 4.0, 0.959: 0.5}
+    tried = _tried(lambda s: errors.get(s, 1.0), 2.0, 1.0)
+    order = math.log(8.0) / math.log(2.0 / 0.959)
+    assert tried[:3] == pytest.approx([2.0, 0.959, 0.959 * (2.0 * 0.92) ** (1.0 / order)], rel=0.01)
+    # a tenth of it, and an order of 3 at most: the setting would be that which fails, and the middle is taken
+    errors = {2.0: 4.0, 0.959: 0.1015}
+    third = 0.959 * (0.92 / 0.1015) ** (1.0 / 3.0)
+    assert third == pytest.approx(2.0, rel=0.01)
+    assert _tried(lambda s: errors.get(s, 1.0), 2.0, 1.0)[2] == pytest.approx(math.sqrt(2.0 * 0.959), rel=0.01)
+
+
+def test_a_search_ends_within_1_12_of_the_coarsest_setting_and_of_the_target() -> None:
+    # without an error, eight times coarser, to a setting from which the coarsest is 1.12 away
+    assert _tried(lambda s: 0.0, 0.125, 1.0, most=1.12) == [0.125, 1.0]
+    # a target of 1.12 errors is met by a second setting that is so much coarser
+    assert _tried(lambda s: s, 1.0, 1.12, order=1.0)[:2] == [1.0, 1.12]
+
+
+def test_the_order_is_that_of_the_two_settings_nearest_to_the_target() -> None:
+    # errors in units of a target of 1e-3: 100 with order 2, and less of it below 10
+    def error(setting: float) -> float:
+        return 0.1 * setting**2 if setting > 0.3 else 0.1 * 0.3**2 * (setting / 0.3) ** 1.2
+
+    first, second, third, fourth = _tried(error, 1.0, 1e-3)[:4]
+    assert second == pytest.approx(math.sqrt(0.92e-2), rel=0.01)
+    orders = [math.log(error(a) / error(b)) / math.log(a / b) for a, b in ((first, second), (second, third))]
+    assert min(orders) > 1.0
+    for setting, following, order in ((second, third, orders[0]), (third, fourth, orders[1])):
+        assert following == pytest.approx(setting * (0.92e-3 / error(setting)) ** (1.0 / order), rel=0.01)
+
+
+def test_no_run_is_made_twice_at_the_finest_setting() -> None:
+    calls: list[float] = []
+
+    def trial(setting: float) -> Trial:
+        calls.append(setting)
+        return Trial(setting=setting, error=1.0)
+
+    settle(trial, 1.0, 1e-3, order=2.0, least=0.5, most=1.0)
+    assert calls == [1.0, 0.5]
+
+
 def test_a_search_ends_at_its_finest_setting_and_at_a_floor() -> None:
     # no finer setting than the least
     assert _tried(lambda s: 1.0, 1.0, 1e-3, least=0.5) == [1.0, 0.5]
@@ -84,6 +128,8 @@ def test_a_search_ends_at_its_finest_setting_and_at_a_floor() -> None:
     assert len(_tried(lambda s: 1.0, 1.0, 1e-3)) == 4
     assert len(_tried(lambda s: max(0.71, min(1.0, 0.71 * s**0.01)), 1.0, 1e-3)) == 4
     assert len(_tried(lambda s: 0.69 if s < 1e-3 else 1.0, 1.0, 1e-3)) > 4
+    # steps of 0.81, 0.66 and 0.66 are finer by 0.35 together, and those of three times 0.66 by 0.28
+    assert _tried(lambda s: 1.4, 100.0, 1.0) == pytest.approx([100.0, 81.1, 53.3, 35.0, 23.0], rel=0.01)
     # an error at the target serves
     found = settle(_made_up(lambda s: 1.0), 1.0, 1.0, order=2.0, least=0.1, most=1.0)
     assert found.best is not None
