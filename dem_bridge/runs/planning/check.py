@@ -321,9 +321,7 @@ def confirm(
 
 def _slope(created: list[Trial], target: float, order: float) -> float:
     """Return the order that the two trials nearest to the target show, as far as it is credible."""
-    real = sorted(
-        (item for item in created if 0.0 < item.error < math.inf), key=lambda item: abs(math.log(item.error / target))
-    )
+    real = sorted((item for item in created if item.error > 0.0), key=lambda item: abs(math.log(item.error / target)))
     shown = observed_order(real[:2])
     return order if math.isnan(shown) else min(1.5 * order, max(0.5 * order, shown))
 

@@ -102,7 +102,7 @@ class Planner:
         self.options, self.outlook, self.left_out = options, options.outlook, dict(options.left_out)
         self.scene, self.accuracy, self.observable = options.scene, options.accuracy, options.observable
         self.sampling = options.outlook.sampling
-        self.progress, self.start, self.expected_cpu = progress, time.process_time(), 0.0
+        self.progress, self.start = progress, time.process_time()
         self.measured_against = ""
 
     def checked(self) -> Option:

@@ -42,7 +42,14 @@ def test_the_finest_tolerance_has_no_finer_run_that_shows_its_error() -> None:
 
 @pytest.mark.parametrize(
     ("low", "high", "number"),
-    [(2.5, math.inf, 2.5), (1.0, 1.0 + 2.0**-52, 1.0), (1.5, float(np.nextafter(1.5, 2.0)), 1.5), (99.0, 101.0, 100.0)],
+    [
+        (2.5, math.inf, 2.5),
+        (1.0, 1.0 + 2.0**-52, 1.0),
+        (1.5, float(np.nextafter(1.5, 2.0)), 1.5),
+        (99.0, 101.0, 100.0),
+        (1.0, 3.0, 2.0),
+        (0.8, 1.5, 1.0),
+    ],
 )
 def test_a_tidy_number_of_an_unusual_range(low: float, high: float, number: float) -> None:
     assert tidy(low, high) == number

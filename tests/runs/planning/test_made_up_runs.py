@@ -427,8 +427,12 @@ def test_round_off_above_the_accuracy_rules_lammps_out_before_any_run(
 
 def test_round_off_rules_nothing_out_for_codes_without_positions_and_at_1e_7(world: World) -> None:
     world.roundoff = lambda step, radius: 1.0
-    assert _plan(1e-8, "verlet").backend == "verlet"
-    assert _plan(1e-7, "lammps-granular").backend == "lammps-granular"
+    world.predicted = lambda name, setting: 0.01
+    for name, accuracy in (("verlet", 1e-8), ("lammps-granular", 1e-7)):
+        world.runs.clear()
+        world.errors = lambda name, setting, accuracy=accuracy: 0.79 * accuracy * (setting / 1e-7) ** 2  # type: ignore[misc]
+        step = _plan(accuracy, name).units["dt"]
+        assert world.settings("verlet")[-1] == pytest.approx(0.25 * step, rel=0.01)
 
 
 def test_the_last_digits_of_all_steps_are_a_limit(world: World) -> None:
@@ -498,8 +502,9 @@ def _extrapolating(world: World, accuracy: float, single: float, order4: float) 
 
 def test_extrapolations_are_taken_where_they_cost_four_fifths_of_a_run(world: World) -> None:
     # three runs at 2 dt, dt and dt/2 cost 0.5 + 1 + 1.4 2 = 4.3 runs at dt, and 4.3/0.8 = 5.375
-    for ratio, taken in ((5.0, False), (6.0, True)):
+    for ratio, taken in ((5.0, False), (6.0, True), (12.0, True)):
         world.extrapolations.clear()
+        world.runs.clear()
         _extrapolating(world, 1e-6, 1e-7, ratio * 1e-7)
         plan = _plan(1e-6, "lammps-granular")
         assert (plan.resolution.get("order") == "richardson") == taken

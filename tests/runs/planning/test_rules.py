@@ -69,6 +69,8 @@ def test_the_round_off_of_all_steps_is_added_to_the_error() -> None:
     assert OUTLOOK.units(1e-7)["2/omega"] == pytest.approx(5e-3)
     slow = Outlook(scene=PAIR, prescan=replace(SCAN, frequency=0.5), sampling=SAMPLES)
     assert slow.units(1e-7)["2/omega"] == pytest.approx(2.5e-8)
+    longer = slow.setting(OF_STEP[2], 1e-3, "velocity") / OUTLOOK.setting(OF_STEP[2], 1e-3, "velocity")
+    assert longer == pytest.approx(2e5)
 
 
 def test_costs_count_runs_samples_steps_and_bodies() -> None:
@@ -255,15 +257,16 @@ def test_an_error_without_a_reference_follows_from_a_finer_run(
 
 def test_runs_by_which_others_are_measured_are_made_once(made_up: MadeUp) -> None:
     judge = _judge()
-    judge.trial(VERLET, 1e-6)
+    first = judge.trial(VERLET, 1e-6).error
     judge.trial(VERLET, 5e-7)  # there, and finer by a half: one more
     assert [round(1e9 * settings["dt"]) for settings in made_up.settings] == [1000, 500, 250]
     # a spare run is finer than this trial needs, and serves the next
     judge.trial(VERLET, 1e-7, spare=4.0)
     judge.trial(VERLET, 5e-8)
-    judge.trial(VERLET, 2.5e-8)
     finest = [settings["dt"] for settings in made_up.settings[3:]]
-    assert finest == pytest.approx([1e-7, 1.25e-8, 5e-8, 2.5e-8], rel=1e-9)
+    assert finest == pytest.approx([1e-7, 1.25e-8, 5e-8], rel=1e-9)
+    # of several that are finer by a half and more the coarsest serves
+    assert judge.trial(VERLET, 1e-6).error == first
 
 
 def test_runs_of_two_candidates_or_settings_are_told_apart(made_up: MadeUp) -> None:
@@ -318,6 +321,7 @@ def _trials(*pairs: tuple[float, float]) -> tuple[Trial, ...]:
 
 def test_the_observed_order_is_the_slope_of_the_errors() -> None:
     assert observed_order(_trials((1.0, 1e-2), (0.1, 1e-5))) == pytest.approx(3.0)
+    assert observed_order(_trials((10.0, math.inf), (1.0, 1e-2), (0.1, 1e-5))) == pytest.approx(3.0)
     # failures and exact runs show none
     assert math.isnan(observed_order(_trials((1.0, math.inf), (0.5, 1e-3), (0.1, 0.0))))
     assert math.isnan(observed_order(_trials((1.0, 1e-3), (1.0, 2e-3))))

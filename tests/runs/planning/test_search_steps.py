@@ -130,6 +130,8 @@ def test_a_search_ends_at_its_finest_setting_and_at_a_floor() -> None:
     assert len(_tried(lambda s: 0.69 if s < 1e-3 else 1.0, 1.0, 1e-3)) > 4
     # steps of 0.81, 0.66 and 0.66 are finer by 0.35 together, and those of three times 0.66 by 0.28
     assert _tried(lambda s: 1.4, 100.0, 1.0) == pytest.approx([100.0, 81.1, 53.3, 35.0, 23.0], rel=0.01)
+    # those of three times 0.71 by 0.35 only
+    assert len(_tried(lambda s: 1.3, 100.0, 1.0)) == 16
     # an error at the target serves
     found = settle(_made_up(lambda s: 1.0), 1.0, 1.0, order=2.0, least=0.1, most=1.0)
     assert found.best is not None
