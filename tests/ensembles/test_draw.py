@@ -17,7 +17,8 @@ import dem_bridge as db
 from dem_bridge.ensembles.draw import BLOCK, LEAST_ANGLE, SAMPLERS, Variation
 from dem_bridge.ensembles.run import run_ensemble
 from dem_bridge.ensembles.sensitivity import sobol_indices
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.geometry import Geometry
 from dem_bridge.observables.registry import OBSERVABLES as REGISTRY
 from dem_bridge.physics.hertz import crossed_cylinders
 from dem_bridge.scene.scene import Scene, Wall
@@ -128,6 +129,53 @@ def test_the_largest_spread_and_seed_0_are_allowed() -> None:
         Variation(scene=SCENE, vary={"mass": 0.1}, seed=True)
     with pytest.raises(UsageError, match=r"vary\['gap'\] = inf; allowed: a number >= 0 \(standard deviation"):
         Variation(scene=SCENE, vary={"gap": np.inf})
+
+
+@pytest.mark.parametrize(("key", "most"), [("angle", 45.0), ("mass", 0.15), ("stiffness", 0.15), ("velocity", 0.15)])
+def test_each_spread_has_a_largest_number(key: str, most: float) -> None:
+    scene = db.load_scene("decelerating-40")
+    assert Variation(scene=scene, vary={key: most}).vary[key] == most
+    with pytest.raises(
+        UsageError, match=rf"vary\['{key}'\] = {1.01 * most:g}\d*; allowed: a number >= 0 and at most {most:g} "
+    ):
+        Variation(scene=scene, vary={key: 1.01 * most})
+    for wrong in (True, "a", None):
+        with pytest.raises(UsageError, match=rf"vary\['{key}'\] = {wrong!r}; allowed: a number >= 0 and at most"):
+            Variation(scene=scene, vary={key: wrong})  # type: ignore[dict-item]
+
+
+def test_without_a_seed_it_is_0_and_angles_are_those_of_cylinders() -> None:
+    without, with_seed = Variation(scene=SCENE, vary={"mass": 0.1}), Variation(scene=SCENE, vary={"mass": 0.1}, seed=0)
+    np.testing.assert_array_equal(without.block(0, 1).mass, with_seed.block(0, 1).mass)
+    scene = db.load_scene("decelerating-40")
+    geometry = scene.geometry
+    assert geometry is not None
+    spheres = replace(scene, geometry=Geometry(bodies=geometry.bodies[:1] * scene.n_body))
+    for round_bodies in (SCENE, spheres):
+        with pytest.raises(UnsupportedScene, match="has no contact angles that could vary"):
+            Variation(scene=round_bodies, vary={"angle": 1.0})
+    # a contact of a sphere has no angle, and the others do
+    some = Variation(scene=scene, vary={"angle": 1.0}).columns
+    assert some == tuple(("angle", k) for k, angle in enumerate(geometry.angle) if angle is not None)
+    assert 0 < len(some) < len(geometry.angle)
+
+
+def test_angles_below_a_twentieth_of_a_degree_are_taken_for_it() -> None:
+    scene = db.load_scene("decelerating-40")
+    geometry = scene.geometry
+    assert geometry is not None
+    angle, contact = min((angle, k) for k, angle in enumerate(geometry.angle) if angle is not None)
+    body = geometry.bodies[contact]
+    variation = Variation(scene=scene, vary={"angle": 45.0})
+    column = variation.columns.index(("angle", contact))
+    uniform = np.full((2, len(variation.columns)), 0.5)
+    uniform[:, column] = [NormalDist(0.0, 45.0).cdf(turned - angle) for turned in (0.03, 0.07)]
+    ratio = variation.chains(uniform).stiffness[:, contact] / scene.stiffness[contact]
+    stiffness = [
+        crossed_cylinders(angle=degrees, radius=body.radius, law=geometry.law, **body.material.elastic).stiffness
+        for degrees in (0.05, 0.07, angle)
+    ]
+    np.testing.assert_allclose(ratio, np.array(stiffness[:2]) / stiffness[2], rtol=1e-9)
 
 
 def test_chains_of_every_block_are_those_that_other_codes_check() -> None:
