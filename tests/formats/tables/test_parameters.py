@@ -16,12 +16,13 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.formats.tables.table import Table
-from dem_bridge.formats.tables.text import as_markdown, as_tex
+from dem_bridge.exports.formats import as_markdown, as_tex
+from dem_bridge.exports.parameters import NOTES, contacts
+from dem_bridge.exports.table import Table
+from dem_bridge.geometry import Body, Geometry
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.physics.hertz import crossed_cylinders
-from dem_bridge.scene.geometry import Body, Geometry
-from dem_bridge.scene.scene import Scene
+from dem_bridge.scene import Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.deck_reader import read_deck
 from tests.helpers.export_chains import CROSSED, CYLINDER, PAIR, QUARTZ, RAW, SPHERE, STEEL
@@ -213,7 +214,7 @@ def test_bodies_are_those_of_the_scene() -> None:
     assert db.table_of(own, "bodies").notes == ()
 
 
-@pytest.mark.parametrize("scene", [CROSSED, RAW, PAIR], ids=lambda scene: scene.name)
+@pytest.mark.parametrize("scene", [CROSSED, RAW, PAIR, db.load_scene("decelerating-40")], ids=lambda scene: scene.name)
 def test_the_include_file_is_the_decks_own_lines(scene: Scene) -> None:
     include = str(db.export(scene, table="pair-coeffs", format="lammps")).splitlines()
     own = [line for line in _deck_lines(scene) if line.startswith("pair_")]
@@ -313,3 +314,62 @@ def test_ellipses_are_those_of_hertzian_contacts_and_the_reason_is_given_for_oth
     # overlaps by the power law of each contact
     overlap = (frame["peak_force_N"] / np.array(soft.stiffness)) ** (1.0 / (np.array([2.5, 2.2, 2.5]) - 1.0))
     np.testing.assert_allclose(frame["peak_overlap_m"], overlap, rtol=1e-12)
+
+
+def test_the_stiffness_in_a_deck_has_the_unit_of_its_models() -> None:
+    units = {
+        scene.name: [
+            column.unit for column in _contacts(scene, with_run=False)[0].columns if column.heading == "LAMMPS k_n"
+        ]
+        for scene in (PAIR, replace(PAIR, name="linear", exponent=2.0), RAW)
+    }
+    assert units == {"pair": ["N/m^2"], "linear": ["N/m"], "raw": ["N/m^2 or N/m"]}
+
+
+def test_notes_on_spheres_and_walls_belong_to_scenes_that_have_them() -> None:
+    cylinders = replace(
+        CROSSED,
+        name="cylinders",
+        exponent=2.5,
+        gap=0.0,
+        mass=CROSSED.mass[1:],
+        stiffness=CROSSED.stiffness[1:],
+        velocity=(0.8, 0.0, 0.0),
+        geometry=Geometry(bodies=(CYLINDER,) * 3, angles=(20.0, 90.0)),
+    )
+    walled = replace(cylinders, name="walled", wall_right=Wall(stiffness=4e9))
+    notes = {scene.name: _contacts(scene, with_run=False)[0].notes for scene in (CROSSED, cylinders, walled)}
+    assert [NOTES["spheres"] in notes[name] for name in ("crossed_3", "cylinders", "walled")] == [True, False, False]
+    assert [NOTES["walls"] in notes[name] for name in ("crossed_3", "cylinders", "walled")] == [False, False, True]
+
+
+def test_contacts_below_one_newton_have_overlaps_and_those_without_a_force_no_ellipse(solved: Solve) -> None:
+    force, uncertainty = np.array([100.0, 0.5, 0.0]), np.array([1.0, 0.7, 0.0])
+    run = solved(CROSSED, "reference")
+    run = replace(run, peak_force=force, uncertainty=replace(run.uncertainty, peak_force=uncertainty))
+    frame = contacts(CROSSED, run).to_pandas()
+    beta = np.array(CROSSED.stiffness)
+    np.testing.assert_allclose(frame["peak_overlap_m"], (force / beta) ** (2.0 / 3.0), rtol=1e-12)
+    # down to the least force, which is not below zero
+    least = (np.array([99.0, 0.0, 0.0]) / beta) ** (2.0 / 3.0)
+    off = (force / beta) ** (2.0 / 3.0) - least
+    np.testing.assert_allclose(frame["peak_overlap_uncertainty_m"], off, rtol=1e-9)
+    assert frame["semi_major_m"].isna().tolist() == [False, False, True]
+    assert frame["peak_pressure_Pa"][1] > 0.0
+
+
+def test_a_mass_is_that_of_density_and_volume_to_1e_9() -> None:
+    own = [body.mass for body in (SPHERE, CYLINDER, CYLINDER, CYLINDER)]
+    for part, said in ((0.5e-9, False), (1.5e-9, True)):
+        scene = replace(CROSSED, mass=(own[0] * (1.0 + part), *own[1:]))
+        assert (NOTES["own_mass"] in db.table_of(scene, "bodies").notes) == said
+
+
+@pytest.mark.parametrize(
+    ("count", "said"), [(2, "contact 0"), (3, "contact 0 and 1 more"), (4, "contact 0 and 2 more")]
+)
+def test_pairs_of_types_in_several_contacts_say_how_many(count: int, said: str) -> None:
+    velocity = (0.8, *(0.0,) * (count - 1))
+    alike = Scene(name="a", duration=1e-4, mass=(1e-2,) * count, stiffness=(4e9,) * (count - 1), velocity=velocity)
+    include = str(db.export(alike, table="pair-coeffs", format="lammps"))
+    assert [line.split("  # ")[1].split(":")[0] for line in include.splitlines() if "  # " in line] == [said]
