@@ -64,7 +64,9 @@ class Timed(Executor):
         future: Future[Any] = Future()
         self._futures = [other for other in self._futures if not other.done()] + [future]
         self.away.append((arguments[1], len(self._futures)))
-        threading.Timer(0.02, self._answer, (future, function, arguments)).start()
+        # one that will be lost is lost while others are away
+        later = 0.0 if self.lose.get(arguments[1], 0) > 0 else 0.05
+        threading.Timer(later, self._answer, (future, function, arguments)).start()
         return future
 
     def _answer(self, future: Future[Any], function: Any, arguments: Any) -> None:
@@ -91,7 +93,7 @@ def test_a_block_that_is_lost_is_solved_once_more_and_alone(solver: Solver) -> N
     assert len(tries) == 2
     assert executor.away[tries[1]] == (1, 1)
     # while it is away no other is given
-    assert executor.away[tries[1] + 1][1] <= 2
+    assert all(away == 1 for _, away in executor.away[tries[1] + 1 :][:1])
     masses = np.concatenate([VARIATION.block(nth).mass[:, 0] for nth in range(6)])
     np.testing.assert_array_equal(ensemble.values["arrival_at_end"], masses)
     with pytest.raises(RunBroken, match=r"^chains 512 to 1023 of two could not be solved by two workers \(MemoryError"):
