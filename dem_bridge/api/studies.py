@@ -118,7 +118,7 @@ def study(
         options["scene"] = scene_of(scene)
     if "measurement" in parameters:
         options.setdefault("measurement", measurement_of(scene))
-    result = function(**options)
+    result: Study = function(**options)
     if folder is not None:
         from dem_bridge.report.page import write_study
 

@@ -15,7 +15,7 @@ from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.run import run_ensemble
 from dem_bridge.ensembles.solve import OBSERVABLES
 from dem_bridge.errors import RunBroken
-from dem_bridge.scene import Scene
+from dem_bridge.scene.scene import Scene
 
 TWO = Scene(name="two", duration=1e-4, mass=(0.01, 0.02), stiffness=(2e10,), velocity=(0.8, 0.0))
 VARIATION = Variation(scene=TWO, vary={"mass": 0.1}, seed=7)

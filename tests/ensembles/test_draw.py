@@ -18,9 +18,9 @@ from dem_bridge.ensembles.draw import BLOCK, LEAST_ANGLE, SAMPLERS, Variation
 from dem_bridge.ensembles.run import run_ensemble
 from dem_bridge.ensembles.sensitivity import sobol_indices
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.geometry import Geometry
 from dem_bridge.observables.registry import OBSERVABLES as REGISTRY
 from dem_bridge.physics.hertz import crossed_cylinders
+from dem_bridge.scene.geometry import Geometry
 from dem_bridge.scene.scene import Scene, Wall
 
 #: a wall at each end, and bodies that move and that rest

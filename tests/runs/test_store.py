@@ -247,8 +247,8 @@ def test_backend_and_samples_are_in_the_key() -> None:
 
 def test_given_times_are_in_the_key_and_another_case_is_not_found_in_the_store(tmp_path: Path) -> None:
     def case(*times: float) -> Case:
-        how = {"resolution": Resolution(), "uncertainty": False}
-        return Case(scene=SCENE, backend="reference", sampling=Sampling(given=times), **how)
+        sampling = Sampling(given=times)
+        return Case(scene=SCENE, backend="reference", sampling=sampling, resolution=Resolution(), uncertainty=False)
 
     end = SCENE.duration
     first, other = case(0.0, 0.1 * end, end), case(0.0, 0.6 * end, end)

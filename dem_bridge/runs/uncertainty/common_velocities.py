@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from dem_bridge.backends.scales import frame_velocity, in_common_frame
-from dem_bridge.scene import Scene
-from dem_bridge.trajectory import Floats, Trajectory, Uncertainty
-from dem_bridge.uncertainty.replicas import LEAST
+from dem_bridge.runs.uncertainty.replicas import LEAST
+from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats, Trajectory, Uncertainty
 
 
 def common_velocity(scene: Scene, run: Trajectory) -> Floats:

@@ -85,9 +85,9 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
     if case.backend not in REPLICAS:
         return run.uncertainty
     from dem_bridge.backends.scipy_dop853 import ScipyDop853
-    from dem_bridge.uncertainty.common_velocities import widen_for_common_velocities
-    from dem_bridge.uncertainty.near_turns import widen_for_near_turns
-    from dem_bridge.uncertainty.replicas import looser_rule, replica_uncertainty, rule_of
+    from dem_bridge.runs.uncertainty.common_velocities import widen_for_common_velocities
+    from dem_bridge.runs.uncertainty.near_turns import widen_for_near_turns
+    from dem_bridge.runs.uncertainty.replicas import looser_rule, replica_uncertainty, rule_of
 
     looser = looser_cases(case)
     if not looser:

@@ -16,13 +16,13 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.exports.formats import as_markdown, as_tex
-from dem_bridge.exports.parameters import NOTES, contacts
-from dem_bridge.exports.table import Table
-from dem_bridge.geometry import Body, Geometry
+from dem_bridge.formats.tables.parameters import NOTES, contacts
+from dem_bridge.formats.tables.table import Table
+from dem_bridge.formats.tables.text import as_markdown, as_tex
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.physics.hertz import crossed_cylinders
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.geometry import Body, Geometry
+from dem_bridge.scene.scene import Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.deck_reader import read_deck
 from tests.helpers.export_chains import CROSSED, CYLINDER, PAIR, QUARTZ, RAW, SPHERE, STEEL

@@ -16,19 +16,19 @@ from typing import Any
 import pytest
 
 from dem_bridge.backends.base import Availability, Resolution, Sampling
-from dem_bridge.campaign import Crashed, executors, fingerprint_of, map_in_threads, pool, run, run_cases
-from dem_bridge.campaign.results import run_case
-from dem_bridge.campaign.tasks import Outcome, Task, Work, perform_task
 from dem_bridge.errors import RunBroken, UnsupportedScene
-from dem_bridge.features import SEVERAL_MOVING
+from dem_bridge.foundation.progress import Campaign, report, watching
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.progress import Campaign, report, watching
 from dem_bridge.runs.cache import RunCache
+from dem_bridge.runs.campaign import Crashed, executors, fingerprint_of, map_in_threads, pool, run, run_cases
+from dem_bridge.runs.campaign.results import run_case
+from dem_bridge.runs.campaign.tasks import Outcome, Task, Work, perform_task
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene import Scene
-from dem_bridge.support import Support
-from dem_bridge.trajectory import Trajectory
+from dem_bridge.scene.features import SEVERAL_MOVING
+from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.support import Support
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.campaign_cases import SHORT, short_case
 from tests.helpers.fake_runs import free_flight
 
@@ -70,7 +70,7 @@ class KilledWorker(Exception):
 def test_a_case_is_tried_once_more_unless_dask_has_tried_it_alone(
     cases: int, error: Exception, sizes: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dem_bridge.campaign.tasks._CHUNKS_EACH", 1e-3)  # all in one
+    monkeypatch.setattr("dem_bridge.runs.campaign.tasks._CHUNKS_EACH", 1e-3)  # all in one
     executor = Failing(error)
     results = run_cases([short_case(dt=1e-6 / k) for k in range(1, cases + 1)], jobs=executor)
     assert executor.sizes == sizes
@@ -229,7 +229,7 @@ def processes(monkeypatch: pytest.MonkeyPatch) -> list[Scripted]:
 def test_the_tasks_after_one_that_kills_its_process_are_not_lost(
     processes: list[Scripted], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dem_bridge.campaign.tasks._CHUNKS_EACH", 1e-3)  # all in one
+    monkeypatch.setattr("dem_bridge.runs.campaign.tasks._CHUNKS_EACH", 1e-3)  # all in one
     tasks = [Task(name=name, case=short_case()) for name in "abcd"]
     state, running = Campaign(total=4, done=0), []
     with watching(lambda state: running.append(state.running)):

@@ -14,12 +14,12 @@ import dem_bridge as db
 from dem_bridge.backends.base import BACKENDS, Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.planning import check, planner
-from dem_bridge.planning.answer import Plan
-from dem_bridge.planning.predict import OF_RTOL, OF_STEP, Outlook
-from dem_bridge.scene import Damping, Scene
-from dem_bridge.trajectory import Cost, Trajectory
-from tests.planning.test_planner import PAIR
+from dem_bridge.runs.planning import check, planner
+from dem_bridge.runs.planning.answer import Plan
+from dem_bridge.runs.planning.predict import OF_RTOL, OF_STEP, Outlook
+from dem_bridge.scene.scene import Damping, Scene
+from dem_bridge.trajectory.trajectory import Cost, Trajectory
+from tests.runs.planning.test_planner import PAIR
 
 SAMPLES = Sampling(count=10)
 #: s between samples
@@ -453,7 +453,9 @@ def test_a_floor_above_the_finest_setting_is_not_that_of_the_finest(
     with pytest.raises(UsageError, match=floor):
         _plan(1e-3, "verlet")
     # at most a half more steps than the last trial had
-    monkeypatch.setattr("dem_bridge.planning.options.MOST_STEPS", 1.5 * PAIR.duration / world.settings("verlet")[-1])
+    monkeypatch.setattr(
+        "dem_bridge.runs.planning.options.MOST_STEPS", 1.5 * PAIR.duration / world.settings("verlet")[-1]
+    )
     with pytest.raises(UsageError, match=floor):
         _plan(1e-3, "verlet")
 

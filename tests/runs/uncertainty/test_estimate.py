@@ -50,9 +50,9 @@ def solved_twins(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, bool]]:
     made: list[tuple[float, bool]] = []
     sound = splitting._march
 
-    def counted(method: Any, scene: Any, plan: Any, radius: Any, full: bool) -> Any:
+    def counted(method: Any, scene: Any, contacts: Any, plan: Any, radius: Any, full: bool) -> Any:
         made.append((plan.step, bool(np.any(np.asarray(radius) > 0.0))))
-        return sound(method, scene, plan, radius, full)
+        return sound(method, scene, contacts, plan, radius, full)
 
     monkeypatch.setattr(splitting, "_march", counted)
     return made

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.scene import Scene, Wall
+from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers import many_scenes
 from tests.helpers.awkward_scenes import COUNT, KINDS, awkward, awkward_scene, kind_of
 from tests.helpers.fake_runs import free_flight, uncertain

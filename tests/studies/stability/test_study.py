@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dem_bridge.backends.splitting import Motion
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Study
@@ -17,7 +18,7 @@ from dem_bridge.studies.stability import study as stability
 from dem_bridge.studies.stability.points import chain, engine_on, measured, point_of, trap_of
 from dem_bridge.studies.stability.step_limits import twin
 from dem_bridge.studies.stability.study import study_stability
-from dem_bridge.trajectory.trajectory import Trajectory
+from dem_bridge.trajectory.dense import Schedule
 from tests.helpers.driven_chains import SINE
 from tests.helpers.small_stability import small_stability
 
@@ -70,10 +71,12 @@ def test_lammps_has_the_twins_limit_and_another_limit_is_a_failure(monkeypatch: 
     assert lmp is not None
     point = point_of(pair, allowed=1.0, engine=lmp)
     assert stability._agreement(point).outcome is Outcome.PASS
+
     # planted: an engine that steps by 3 % more than it is asked for
-    wrong = point_of(
-        pair, allowed=1.0, engine=lambda scene, dt: twin(replace(scene, duration=1.03 * scene.duration), 1.03 * dt)
-    )
+    def longer(scene: Scene, plan: Schedule, wider: float = 0.0) -> Motion:
+        return twin(scene, replace(plan, step=1.03 * plan.step), wider)
+
+    wrong = point_of(pair, allowed=1.0, engine=longer)
     assert stability._agreement(wrong).outcome is Outcome.FAIL
 
 
@@ -88,9 +91,9 @@ def test_conservation_does_not_show_what_is_wrong() -> None:
     assert max(coarse.momentum, fine.momentum) < 1e-14
     assert max(coarse.kinetic, fine.kinetic) < 1e-4
 
-    def lossy(scene: Scene, dt: float) -> Trajectory:
-        run = twin(scene, dt)
-        return replace(run, velocity=run.velocity * (1.0 - 1e-3 * run.time / run.time[-1])[:, None])
+    def lossy(scene: Scene, plan: Schedule, wider: float = 0.0) -> Motion:
+        run = twin(scene, plan, wider)
+        return run._replace(velocity=run.velocity * (1.0 - 1e-3 * run.time / run.time[-1])[:, None])
 
     # planted: a code that gives momentum away
     found = trap_of(whole, lossy, "verlet", 2e-6)
