@@ -327,7 +327,7 @@ class Scene:
             raise SceneError(f"law[{at}]", problem=str(error), allowed=_LAW) from None
         return tuple(reach)
 
-    @property
+    @cached_property
     def _static_forces(self) -> tuple[float, ...]:
         """Static forces from the left end to the right, N, ``(n_body + 1,)``."""
         return static_forces(
@@ -448,8 +448,8 @@ class Scene:
         return np.array([*getattr(self, name), *walls], dtype=np.float64)
 
     def __getstate__(self) -> dict[str, object]:
-        """Return the state without cached contacts and features, which are not sent to other processes."""
-        return {key: value for key, value in self.__dict__.items() if key not in ("contacts", "features")}
+        """Return the state without what is derived from it, which is not sent to other processes."""
+        return {key: value for key, value in self.__dict__.items() if key in self.__dataclass_fields__}
 
     def _hash(self) -> str:
         numbers = ("duration", "mass", "stiffness", "exponent", "gap", "velocity")
