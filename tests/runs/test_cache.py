@@ -12,7 +12,7 @@ import pytest
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.runs.cache import RunCache, load_run
+from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.runs.uncertainty.estimate import solve
@@ -79,15 +79,15 @@ def test_a_stored_run_with_its_uncertainty_is_that_of_the_case_without_and_not_t
     store, certain = Store(tmp_path), replace(CASE, uncertainty=True)
     assert certain.key is not None
     assert CASE.key is not None
-    assert load_run(CASE, None) is None
+    assert RunCache(None).load_stored(CASE) is None
     store.save(CASE.key, CASE.solve())
-    assert load_run(certain, store) is None
-    plain = load_run(CASE, store)
+    assert RunCache(store).load_stored(certain) is None
+    plain = RunCache(store).load_stored(CASE)
     assert plain is not None
     store = Store(tmp_path / "other")
     run = solve(certain)
     store.save(certain.key, run)
-    found, with_uncertainty = load_run(CASE, store), load_run(certain, store)
+    found, with_uncertainty = RunCache(store).load_stored(CASE), RunCache(store).load_stored(certain)
     assert found is not None
     assert with_uncertainty is not None
     np.testing.assert_array_equal(found.velocity, run.velocity)

@@ -19,11 +19,11 @@ from dem_bridge.backends.base import Sampling
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.foundation.leftovers import sweep_temporary
 from dem_bridge.foundation.progress import Campaign, Interrupted, campaign, listening, stop_requested
-from dem_bridge.runs.cache import RunCache, load_run
+from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign.executors import Jobs, fingerprint_of, run_by_executor
 from dem_bridge.runs.campaign.pool import run_in_processes
 from dem_bridge.runs.campaign.results import Progress, Result, run_case
-from dem_bridge.runs.campaign.tasks import Outcome, Task, claim_of, is_stored, perform_task, with_run
+from dem_bridge.runs.campaign.tasks import Outcome, Task, claim_of, is_stored, key_where_made, perform_task, with_run
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.digits import fingerprint, made_at
 from dem_bridge.runs.store import Store
@@ -90,7 +90,10 @@ def run_cases(
     sweep_temporary()
     place = fingerprint_of(jobs) if isinstance(jobs, Executor) and store is not None else ""
     with made_at(place):
-        return _run_planned(cases, jobs, progress, store, everything, cache or RunCache(store))
+        cache = cache or RunCache(store)
+        cache.store = cache.store or store
+        cache.missing.clear()  # an earlier campaign, or another one, may have stored them meanwhile
+        return _run_planned(cases, jobs, progress, store, everything, cache)
 
 
 def _run_planned(
@@ -103,21 +106,21 @@ def _run_planned(
 ) -> tuple[Result, ...]:
     """Run all cases; keys are those of the place where runs are planned to be made."""
     # a case without a name is like no other
-    names = [_name(case) or str(number) for number, case in enumerate(cases)]
+    name_of = partial(_name, cache)
+    names = [name_of(case) or str(number) for number, case in enumerate(cases)]
     results: dict[str, Result] = {}
     left: dict[str, Case] = {}
     # a run with its uncertainty is also that of the case without
     for name, case in sorted(zip(names, cases, strict=True), key=lambda item: not item[1].uncertainty):
         if name in results or name in left:
             continue
-        run = load_run(case, store)
+        run = cache.load_stored(case)
         if run is None:
             left[name] = case
         else:
-            results[name] = Result(case=case, trajectory=run, key=case.key if case.uncertainty else name)
-    parts = {name: parts_of(case, cache) if _name(case) else None for name, case in left.items()}
-    todo = _to_run(left, parts)
-    keys = {case: case.key for case in (*todo.values(), *left.values())}
+            results[name] = Result(case=case, trajectory=run, key=cache.key(case))
+    parts = {name: parts_of(case, cache) if name_of(case) else None for name, case in left.items()}
+    todo = _to_run(left, parts, name_of)
     remaining = {name: case.expected for name, case in todo.items()}
     whole = sum(remaining.values())
 
@@ -127,24 +130,28 @@ def _run_planned(
 
     def stored(result: Result, made: str | None, digits: str) -> Result:
         """Store a result under ``made``, its key where it was made, unless the engine is or has become another."""
-        if store is None or made is None or result.case.key != keys[result.case]:
+        if store is None or made is None:
             return result
-        with made_at(digits):
-            key = result.case.key
-        if key is None or key != made:
-            return result
+        key = cache.key(result.case)
+        if key != made:  # it was made at another place than planned, or the engine has become another
+            if result.case.key != key:
+                return result
+            with made_at(digits):
+                key = result.case.key
+            if key != made:
+                return result
         if result.trajectory is None:
             return replace(result, key=f"{key}: {result.failure}")
         store.save(key, result.trajectory)
         return replace(result, key=key)
 
-    shared = _shared(todo, left, parts)
+    shared = _shared(todo, left, parts, name_of)
     tasks = [
         Task(
             name=name,
             case=case,
             everything=everything,
-            key=None if store is None else keys[case],
+            key=None if store is None else cache.key(case),
             folder=None if store is None else store.folder,
             limit=0 if store is None else store.limit,
             shared=name in shared,
@@ -178,14 +185,14 @@ def _run_planned(
     for name, case in left.items():
         if todo.get(name) == case:
             continue
-        failed = [results[part] for part in map(_name, parts[name] or ()) if part in todo and results[part].failure]
+        failed = [results[part] for part in map(name_of, parts[name] or ()) if part in todo and results[part].failure]
         result = failed[0] if failed else run_case(case, everything=everything, cache=cache)
         # it is made of runs of the place that was planned, and stored if this is that place
-        digits = fingerprint() if store is not None else ""
-        results[name] = stored(replace(result, case=case), keys[case], digits)
+        made = None if store is None else key_where_made(case, cache.key(case))
+        results[name] = stored(replace(result, case=case), made, fingerprint() if store is not None else "")
     if progress is not None:
         progress(len(cases), len(cases), "")
-    return tuple(_as_of(case, results[name]) for case, name in zip(cases, names, strict=True))
+    return tuple(_as_of(case, results[name], cache) for case, name in zip(cases, names, strict=True))
 
 
 def _turn(item: tuple[str, Case]) -> tuple[float, float]:
@@ -196,18 +203,22 @@ def _turn(item: tuple[str, Case]) -> tuple[float, float]:
     return -float(f"{item[1].expected:.1g}"), random.random()
 
 
-def _name(case: Case) -> str | None:
+def _name(cache: RunCache, case: Case) -> str | None:
     """Return the name under which a case is the same with and without its uncertainty; None: it is like no other."""
-    return replace(case, uncertainty=False).key
+    return cache.key(replace(case, uncertainty=False))
 
 
-def _to_run(left: Mapping[str, Case], parts: Mapping[str, tuple[Case, ...] | None]) -> dict[str, Case]:
+def _to_run(
+    left: Mapping[str, Case],
+    parts: Mapping[str, tuple[Case, ...] | None],
+    name_of: Callable[[Case], str | None],
+) -> dict[str, Case]:
     """Return the cases to be solved, by name: those without parts, and the parts of the others."""
     todo: dict[str, Case] = {}
     for name, case in left.items():
         needed = parts[name]
         for part in (case,) if needed is None else needed:
-            part_name = name if needed is None else str(_name(part))
+            part_name = name if needed is None else str(name_of(part))
             if part.uncertainty or part_name not in todo:
                 todo[part_name] = part
     # twins without uncertainty may be runs of the family of another twin
@@ -224,13 +235,16 @@ def _steps(case: Case) -> tuple[Scene, float | None, Sampling]:
 
 
 def _shared(
-    todo: Mapping[str, Case], left: Mapping[str, Case], parts: Mapping[str, tuple[Case, ...] | None]
+    todo: Mapping[str, Case],
+    left: Mapping[str, Case],
+    parts: Mapping[str, tuple[Case, ...] | None],
+    name_of: Callable[[Case], str | None],
 ) -> set[str]:
     """Return the names of cases whose runs or families other cases need."""
     needed = [part for of_case in parts.values() for part in of_case or ()]
     # a twin that is solved with its family for another twin is no task
-    twins = {_steps(case) for case in (*needed, *left.values()) if case.backend == TWIN and _name(case) not in todo}
-    shared = {str(_name(part)) for part in needed}
+    twins = {_steps(case) for case in (*needed, *left.values()) if case.backend == TWIN and name_of(case) not in todo}
+    shared = {str(name_of(part)) for part in needed}
     return shared | {name for name, case in todo.items() if case.backend == TWIN and _steps(case) in twins}
 
 
@@ -276,7 +290,7 @@ def _outcomes(
                 continue
             with listening(partial(_within, say, label, task.case.expected)):
                 stored = with_run(task, Outcome(kept=True)) if is_stored(task) else None
-                outcome = stored or perform_task(replace(task, folder=None))
+                outcome = stored or perform_task(replace(task, folder=None, here=True))
             yield task, outcome  # it is stored before the claim ends
 
 
@@ -302,14 +316,14 @@ def _stays(scene: Scene, *, of_main: bool = False) -> str:
     return "it is of the main program" if of_main and b"__main__" in packed else ""
 
 
-def _as_of(case: Case, result: Result) -> Result:
+def _as_of(case: Case, result: Result, cache: RunCache) -> Result:
     """Return the result of another case that differs in the name of its scene or has an uncertainty in addition."""
     run, name = result.trajectory, case.scene.name
     if run is not None and result.case.scene.name != name:
         run = replace(run, provenance={**run.provenance, "scene": name})
     if run is not None and result.case.uncertainty and not case.uncertainty:
         run = replace(run, uncertainty=UNKNOWN)
-        result = replace(result, key=result.key and case.key)
+        result = replace(result, key=result.key and cache.key(case))
     return replace(result, case=case, trajectory=run)
 
 

@@ -15,13 +15,14 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
+from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign.identity import check_identity, identity
 from dem_bridge.runs.campaign.results import Crashed, Failure, run_case
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.claims import claimed, wait_for_release
-from dem_bridge.runs.digits import fingerprint, made_at
+from dem_bridge.runs.digits import fingerprint, made_at, planned_fingerprint
 from dem_bridge.runs.store import Store
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.version import __version__
@@ -56,6 +57,8 @@ class Task:
     """The run is made even if the store has it."""
     waits: bool = False
     """Another campaign was at the run: its worker waits for it for a while."""
+    here: bool = False
+    """It is solved in the process that planned it."""
     version: str = __version__
     code: str = ""
     """Hash of the code of the campaign, once the task travels."""
@@ -126,9 +129,7 @@ def _perform(task: Task) -> Outcome:
     except Exception as error:
         return Outcome(error=_portable(error))
     shared = cache if task.shared else None
-    # the key again, for an engine may have become another meanwhile, and another machine has other keys
-    with made_at(""):
-        run, key = result.trajectory, task.case.key if task.key is not None else None
+    run, key = result.trajectory, key_where_made(task.case, task.key, here=task.here)
     if run is None or task.folder is None or key is None or key != task.key:
         digits = "" if key is None else fingerprint()
         return Outcome(trajectory=run, failure=result.failure, cache=shared, key=key, digits=digits)
@@ -137,6 +138,18 @@ def _perform(task: Task) -> Outcome:
         return Outcome(trajectory=run, cache=shared, trouble=store.trouble, key=key, digits=fingerprint())
     cache.runs.pop(replace(task.case, uncertainty=False), None)
     return Outcome(kept=True, cache=shared, trouble=store.trouble)
+
+
+def key_where_made(case: Case, planned: str | None, *, here: bool = True) -> str | None:
+    """Return the key of a case that was just solved: again, unless it must be the planned one.
+
+    An engine may have become another meanwhile, and another machine has other keys. ``here``: this process planned it.
+    """
+    own_place = here and planned_fingerprint() == fingerprint()
+    if planned is None or (own_place and case.backend not in ENGINE_BACKENDS):
+        return planned
+    with made_at(""):
+        return case.key
 
 
 def perform_all(chunk: Sequence[bytes], number: str) -> list[Outcome]:

@@ -24,6 +24,7 @@ from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs import case as case_module
+from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign import Crashed, Result, pool, results, run_cases
 from dem_bridge.runs.campaign.run import _workers
 from dem_bridge.runs.case import Case
@@ -205,6 +206,35 @@ def test_a_key_that_ignores_the_uncertainty_loses_it(tmp_path: Path, monkeypatch
     assert _known(run_cases([with_uncertainty], store=Store(tmp_path))) == [False]
 
 
+@pytest.mark.parametrize("forgets", [False, True], ids=["", "fault"])
+def test_the_key_of_a_case_is_computed_once(forgets: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    computed: list[Any] = []
+
+    def counted(*settings: Any, uncertainty: bool) -> str | None:
+        computed.append((settings[1:4], uncertainty))
+        return run_key(*settings, uncertainty=uncertainty)
+
+    monkeypatch.setattr(case_module, "run_key", counted)
+    if forgets:
+        monkeypatch.setattr(RunCache, "key", lambda cache, case: case.key)
+    store, cases = Store(tmp_path), [_case(1e-6), replace(_case(1e-7), uncertainty=True)]
+    for _ in range(2):  # made, and from the store
+        run_cases(cases, store=store)
+        assert (len(computed) > len(set(computed))) is forgets
+        computed.clear()
+
+
+def test_what_a_store_lacks_is_looked_for_again_by_the_next_campaign(fake: Fake, tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    cache = RunCache(store)
+    assert cache.load_stored(_case()) is None
+    run_cases([_case()], store=store)
+    assert cache.load_stored(_case()) is None  # once a piece of work
+    [result] = run_cases([_case()], store=store, cache=cache)
+    assert len(fake.runs) == 1
+    assert result.trajectory is not None
+
+
 def test_another_scene_of_the_same_name_is_run(fake: Fake, tmp_path: Path) -> None:
     other = replace(SCENE, velocity=(0.9, 0.0, 0.0))
     for scene in (SCENE, other):
@@ -248,7 +278,7 @@ def test_a_run_is_not_stored_if_its_key_has_changed_meanwhile(
 ) -> None:
     # a LAMMPS that was built anew while it ran
     monkeypatch.setattr(case_module, "run_key", lambda *_, **__: ("2" if fake.runs else "1") * 64)
-    [result] = run_cases([_case()], store=Store(tmp_path))
+    [result] = run_cases([_case(backend="lammps-granular")], store=Store(tmp_path))
     assert result.trajectory is not None
     assert list(tmp_path.iterdir()) == []
 
