@@ -27,7 +27,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs import code, keys
 from dem_bridge.runs import store as module
-from dem_bridge.runs.cache import load_run
+from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.keys import run_key, study_key
 from dem_bridge.runs.store import Store, default_folder
@@ -256,12 +256,12 @@ def test_given_times_are_in_the_key_and_another_case_is_not_found_in_the_store(t
     store = Store(tmp_path)
     assert first.key is not None
     store.save(first.key, first.solve())
-    found = load_run(first, store)
+    found = RunCache(store).load_stored(first)
     assert found is not None
     assert found.time.tolist() == [0.0, 0.1 * end, end]
     # planted by hand before the times were in the key: the second case was given the times of the first
-    assert load_run(other, store) is None
-    assert load_run(even, store) is None
+    assert RunCache(store).load_stored(other) is None
+    assert RunCache(store).load_stored(even) is None
 
 
 @given(data=st.data())
