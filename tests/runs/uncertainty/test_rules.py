@@ -389,6 +389,13 @@ def test_a_crossing_by_round_off_alone_has_no_finite_uncertainty(monkeypatch: py
         stiffness=(1.26511e10, 1.8233e11, 1.20263e10, 1.43625e11), velocity=(11815.0,) * 5, precompression=0.137008,
         drag=7319.86,
     )  # fmt: skip
+    still = db.solve(scene, backend="scipy")
+    # in the frame that they share they rest, and nothing turns them
+    assert np.all(np.isnan(still.crossing_time))
+    assert np.all(np.isfinite(still.uncertainty["crossing_time"]))
+    # planted: the frame at rest, which walls would fix
+    for module in ("backends.scipy_dop853", "uncertainty.replicas"):
+        monkeypatch.setattr(f"dem_bridge.{module}.in_common_frame", lambda scene: (scene, 0.0))
     run = db.solve(scene, backend="scipy")
     assert np.all(np.isinf(run.uncertainty["crossing_time"]))
     assert run.uncertainty["velocity"] < 1e-9 * 11815.0
