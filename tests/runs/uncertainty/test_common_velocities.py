@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.backends import scales, scipy_dop853
-from dem_bridge.runs.uncertainty.common_velocities import common_velocity, widen_for_common_velocities
-from dem_bridge.scene.scene import Scene, Wall
-from dem_bridge.trajectory.trajectory import Trajectory
+from dem_bridge.backends.scales import in_rest_frame
+from dem_bridge.scene import Scene, Wall
+from dem_bridge.trajectory import Trajectory
+from dem_bridge.uncertainty.common_velocities import common_velocity, widen_for_common_velocities
 from tests.helpers.fake_runs import free_flight, uncertain
 from tests.helpers.many_scenes import many
 from tests.helpers.truths import QUANTITIES
-from tests.runs.uncertainty.measure_bars import REFERENCES, try_backend
+from tests.uncertainty.measure_bars import REFERENCES, try_backend
 
 #: scenes whose crossing or peak was 1.2 to 1.6 uncertainties from the truth
 MENDED = ("many-238", "many-271", "many-957", "many-1392")
@@ -57,10 +57,10 @@ def test_a_frame_with_drag_is_slowed_as_a_free_body() -> None:
 
 
 def test_a_frame_without_its_drag_is_far_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    def planted(run: Trajectory, velocity: float, drag: float) -> Trajectory:
-        return scales.in_rest_frame(run, velocity, 0.0)
+    def without_drag(run: Trajectory, velocity: float, _drag: float) -> Trajectory:
+        return in_rest_frame(run, velocity, 0.0)
 
-    monkeypatch.setattr(scipy_dop853, "in_rest_frame", planted)
+    monkeypatch.setattr("dem_bridge.backends.scipy_dop853.in_rest_frame", without_drag)
     run = db.solve(dragged_pair(DRIFT), backend="scipy")
     assert run.velocity[-1, 1] > 2.0 * DRIFT * math.exp(-DRAG * run.time[-1])
 
