@@ -12,7 +12,6 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.formats.readers.record import Record
-from dem_bridge.judging import shown
 from dem_bridge.judging.cause import CAUSES, PRIORITY, diagnose
 from dem_bridge.judging.fitting import Stepping
 from dem_bridge.judging.judgement import judge_records
@@ -265,13 +264,3 @@ def test_a_law_that_is_a_function_has_no_hypotheses() -> None:
 def test_steps_beyond_all_counting_are_no_hypotheses() -> None:
     data: Any = SimpleNamespace(model=SimpleNamespace(system=None), dt=1e-30, interval=1e-6, time=np.array([0.0, 1e-3]))
     assert list(half_steps(data, 1e-7)) == []
-
-
-def test_an_error_without_a_scale_and_no_order_are_said() -> None:
-    part: Any = SimpleNamespace(value=1e-3, unit="m/s", uncertainty=2e-6, scale=0.0)
-    file: Any = None  # which is not looked at
-    text = shown._error_text(file, part)
-    assert "0.001 m/s" in text
-    assert "2e-06 m/s" in text
-    judgement: Any = SimpleNamespace(convergence=[])
-    assert shown._order_text(judgement) == shown.TEXTS("no_order")

@@ -13,7 +13,7 @@ import pytest
 
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import Record
-from dem_bridge.judging import cause, deck, judgement, limits, order, shown, single
+from dem_bridge.judging import cause, deck, judgement, limits, order, single
 from dem_bridge.judging.cause import Diagnosis
 from dem_bridge.judging.error import QuantityErrors
 from dem_bridge.judging.fitting import Block, Fit
@@ -47,42 +47,6 @@ def named(none: Fit, fits: list[Fit], *, effect: float = 1e3, dt: float | None =
     block = SimpleNamespace(values=np.zeros((50, 2)))
     search: Any = SimpleNamespace(decision=decision, data=SimpleNamespace(dt=dt, blocks=[block]), scene=PAIR)
     return cause.name_cause(search, none, fits)
-
-
-def test_digits_explain_a_residual_of_their_size_alone() -> None:
-    assert cause._explained(fit(rms=1.2, largest=8.0))
-    assert not cause._explained(fit(rms=3.0, largest=8.0))
-    # a normal distribution has no value of 20 deviations
-    assert not cause._explained(fit(rms=1.2, largest=20.0))
-    # but for small values, whose digits are finer than those of the largest value
-    assert cause._nearly_explained(fit(rms=1.2, largest=99.0, floors=2.0))
-    assert not cause._nearly_explained(fit(rms=1.2, largest=99.0, floors=5.0))
-    assert not cause._nearly_explained(fit(rms=3.0, largest=99.0, floors=2.0))
-
-
-@pytest.mark.parametrize(
-    ("family", "best_family", "ratio", "as_good"),
-    [
-        ("", "", 1.2, True),
-        ("", "", 2.0, False),
-        ("factor", "", 2.0, False),
-        ("", "factor", 2.0, False),
-        ("factor", "factor", 2.0, True),  # what they leave differs by errors of integration
-        ("factor", "factor", 5.0, False),
-    ],
-)
-def test_unexplained_samples_tell_fits_apart_by_what_they_leave(
-    family: str, best_family: str, ratio: float, as_good: bool
-) -> None:
-    best = fit(rms=40.0, largest=900.0, family=best_family)
-    assert cause._as_good(fit(rms=40.0 * ratio, largest=900.0, family=family), best, 100) is as_good
-
-
-def test_explained_samples_tell_fits_apart_by_chi_square() -> None:
-    best = fit(rms=1.0)
-    # 100 samples: 4 more in the sum of squares is chance, 120 more is not
-    assert cause._as_good(fit(rms=1.02), best, 100)
-    assert not cause._as_good(fit(rms=1.48), best, 100)
 
 
 def test_a_cause_may_leave_a_little_to_a_code_of_unknown_method() -> None:
@@ -199,27 +163,6 @@ def test_an_error_along_a_shape_is_its_part_and_rounding_averages_out() -> None:
     ]
     assert np.mean(np.array(left) <= explained - reference) == pytest.approx(0.954, abs=0.04)
     assert order._along(shape, -0.3 * shape, limit, reference)[0] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("orders", "meaning"),
-    [
-        ({"velocity": 1.0, "displacement": 2.0}, "half_step"),
-        ({"velocity": 2.0, "displacement": 2.0}, "second"),
-        ({"velocity": 1.0, "displacement": 1.0}, "first"),
-        ({"velocity": 0.0, "displacement": 0.05}, "constant"),
-        ({"velocity": 2.0, "displacement": 1.0}, "other"),
-        ({"velocity": 4.0, "displacement": 3.9}, "high"),
-        ({"velocity": -1.0, "displacement": -0.5}, "growing"),
-        ({"displacement": 2.0}, "second"),
-    ],
-)
-def test_orders_have_a_meaning(orders: dict[str, float], meaning: str) -> None:
-    assert shown._meaning({name: {"value": value, "uncertainty": 0.02} for name, value in orders.items()}) == meaning
-    # what is uncertain may be anything near
-    doubtful = {name: {"value": value + 0.4, "uncertainty": 0.5} for name, value in orders.items()}
-    if meaning in ("second", "first", "constant", "half_step"):
-        assert shown._meaning(doubtful) == meaning
 
 
 # ---------------------------------------------------------------- errors

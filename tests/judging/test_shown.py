@@ -113,7 +113,8 @@ def test_the_lines_of_two_files_name_the_judged_one_and_the_order() -> None:
         "velocity 2.00 +- 0.005, displacement 1.98 +- 0.03 (dt = 4 µs to 1 µs)."
         " Second order, as expected of velocity-Verlet and leapfrog."
     )
-    assert shown._file_name(file_of(part(ERROR), dt=None)) == "run.csv"
+    unknown = judgement_of(file_of(part(ERROR), dt=None), file_of(part(0.0 * np.array(ERROR)), name="b", dt=None))
+    assert dict(shown.lines(unknown))["velocity"].endswith("body 1 at 100 µs; run.csv")
 
 
 def test_times_have_four_digits() -> None:
@@ -126,7 +127,9 @@ def test_times_have_four_digits() -> None:
     ("names", "text"), [("a", "a"), ("ab", "a and b"), ("abc", "a and 2 more files"), ("abcd", "a and 3 more files")]
 )
 def test_many_files_are_counted(names: str, text: str) -> None:
-    assert shown._several([*names]) == text
+    files = [file_of(part(ERROR), name=name, dt=1e-6 * (k + 1)) for k, name in enumerate(names)]
+    study: Any = judgement_of(*files).study
+    assert study.title == f"Judgement of {text} for the scene five"
 
 
 @pytest.mark.parametrize(
@@ -134,7 +137,8 @@ def test_many_files_are_counted(names: str, text: str) -> None:
     [(0.99e-3, "9.9e-04"), (1e-3, "0.001"), (1.5e-3, "0.0015"), (99.4, "99"), (99.5, "1.0e+02"), (150.0, "1.5e+02")],
 )
 def test_numbers_of_ordinary_size_have_no_power_of_ten(value: float, text: str) -> None:
-    assert shown._two_digits(value) == text
+    lines = dict(shown.lines(judgement_of(file_of(part([[0.0, 0.0], [0.0, value]])))))
+    assert lines["velocity"].startswith(f"error at most {text} m/s, ")
 
 
 def test_a_tolerance_is_compared_in_a_sentence() -> None:
@@ -146,7 +150,7 @@ def test_a_tolerance_is_compared_in_a_sentence() -> None:
         (2.6e-4, "UNDECIDED: the uncertainty of the error of displacement, 1.0e-04 of the largest, does not allow a"
          " decision about the tolerance of 0.00026."),
     ):  # fmt: skip
-        assert shown._outcome(judgement_of(files, tolerance=tolerance)) == text
+        assert dict(shown.lines(judgement_of(files, tolerance=tolerance)))["outcome"] == text
     # in another unit of time nothing passes
     assert judgement_of(files, tolerance=1e-3, time_unit=1e-3).outcome == "FAIL"
     assert judgement_of(files, time_unit=1e-3).outcomes == {}
@@ -175,20 +179,24 @@ def test_a_meaning_of_orders_needs_all_of_them(
     velocity: float, displacement: float, uncertainty: float, meaning: str
 ) -> None:
     values = {"velocity": velocity, "displacement": displacement}
-    assert shown._meaning({k: {"value": v, "uncertainty": uncertainty} for k, v in values.items()}) == meaning
+    both = tuple(falling(name, value, uncertainty) for name, value in values.items())
+    files = file_of(part(ERROR)), file_of(part(ERROR), dt=2e-6)
+    assert dict(shown.lines(judgement_of(*files, convergence=both)))["order"].endswith(f". {shown.TEXTS(meaning)}")
 
 
 def test_a_floor_is_that_of_digits_or_of_errors_that_stay() -> None:
     flat = judgement_of(convergence=(falling("displacement", flat=9.0), falling(flat=4e-6)))
     assert flat.floor == pytest.approx(2e-6)
-    assert shown._floor(flat).startswith("2e-06 of the largest velocity: below it the errors do not fall")
+    assert dict(shown.lines(flat))["floor"].startswith("2e-06 of the largest velocity: below it the errors do not fall")
     for convergence in ((falling(flat=1e-10),), (falling(flat=1e-9),), (falling(),)):
         low = judgement_of(convergence=convergence)
         assert low.floor == pytest.approx(5e-10)
-        assert shown._floor(low).startswith("5e-10 of the largest velocity: smaller errors cannot be seen")
+        assert dict(shown.lines(low))["floor"].startswith(
+            "5e-10 of the largest velocity: smaller errors cannot be seen"
+        )
     still = judgement_of(file_of(part(ERROR, scale=0.0)))
     assert still.floor is None
-    assert shown._floor(still).startswith("nan of the largest velocity: smaller")
+    assert dict(shown.lines(still))["floor"].startswith("nan of the largest velocity: smaller")
 
 
 def test_a_step_that_would_reach_the_tolerance_follows_from_the_order() -> None:
@@ -196,11 +204,8 @@ def test_a_step_that_would_reach_the_tolerance_follows_from_the_order() -> None:
         *parts: Convergence, tolerance: float | None = 1e-5, cause: str = "none", dt: float | None = 1e-6
     ) -> str:
         other = part([[0.0, 0.0], [1.6e-3, 0.0]], name="displacement")
-        return " ".join(
-            shown._advice(
-                judgement_of(file_of(part(ERROR), other, dt=dt), convergence=parts, tolerance=tolerance, cause=cause)
-            )
-        )
+        file = file_of(part(ERROR), other, dt=dt)
+        return dict(shown.lines(judgement_of(file, convergence=parts, tolerance=tolerance, cause=cause)))["next"]
 
     # the errors are 25 and 80 times the tolerance
     reduce = "Reduce the time step, which causes the errors."
@@ -216,11 +221,9 @@ def test_a_step_that_would_reach_the_tolerance_follows_from_the_order() -> None:
     # what is within the tolerance is not made smaller
     step = advice(falling(value=2.0), falling("displacement", 2.0), tolerance=5e-4)
     assert step.endswith("a time step of 790 ns would reach the tolerance.")
-    within = shown._advice(
-        judgement_of(file_of(part([[0.0], [1e-5]], columns=(0,)), part(ERROR, name="displacement"), dt=1e-6),
-                     convergence=(falling(),), tolerance=1e-4)
-    )  # fmt: skip
-    assert list(within)[1].endswith("a time step of 1 µs would reach the tolerance.")
+    within = file_of(part([[0.0], [1e-5]], columns=(0,)), part(ERROR, name="displacement"), dt=1e-6)
+    lines = dict(shown.lines(judgement_of(within, convergence=(falling(),), tolerance=1e-4)))
+    assert lines["next"].endswith("a time step of 1 µs would reach the tolerance.")
     # at second order 1e-2 is 40 times, and 1e-3 four times the error of 2.5e-4
     steps = (
         "No fault was found. The time step of 1 µs makes an error of 2.5e-04 of the largest velocity. A step of 6.3 µs"
@@ -232,16 +235,19 @@ def test_a_step_that_would_reach_the_tolerance_follows_from_the_order() -> None:
 
 # ---------------------------------------------------------------- tables, verdicts and figures
 def test_tables_and_verdicts_have_the_numbers_of_the_files() -> None:
-    fine, coarse = file_of(part(ERROR), name="fine.csv"), file_of(part(ERROR), name="coarse.csv", dt=None)
-    judgement = judgement_of(fine, coarse, convergence=(falling(), replace(falling("displacement"), order=None)))
-    (first, second), columns = shown._error_table(judgement).rows, shown._error_table(judgement).columns
-    assert len(columns) == len(first)
+    fine = file_of(part(ERROR), name="fine.csv")
+    both = part(ERROR), part(ERROR, name="displacement")
+    files = file_of(*both, name="fine.csv"), file_of(*both, name="coarse.csv", dt=None)
+    judgement = judgement_of(*files, convergence=(falling(), replace(falling("displacement"), order=None)))
+    errors, orders, _ = judgement.study.tables
+    first, _, second, _ = errors.rows
+    assert len(errors.columns) == len(first)
     assert first == (
         *("fine.csv", 1e-6, "velocity", 5e-4, pytest.approx(1e-9, rel=1e-6), 2.0, "m/s", 2.5e-4, "body 1", 1e-4),
     )
     assert (second[0], math.isnan(float(second[1]))) == ("coarse.csv", True)
-    assert shown._order_table(judgement).rows == (("velocity", 2.0, 0.001, 4e-6, 1e-6),)
-    (verdict,) = shown._verdicts(judgement_of(fine, tolerance=1e-4, cause="mass"))
+    assert orders.rows == (("velocity", 2.0, 0.001, 4e-6, 1e-6),)
+    (verdict,) = judgement_of(fine, tolerance=1e-4, cause="mass").study.verdicts
     assert verdict.as_json() == {
         "scene": "five", "quantity": "velocity", "backend": "file", "reference": "reference", "outcome": "FAIL",
         "sentence": "The velocities of fine.csv differ from the reference by 5.0e-04 m/s, 2.5e-04 of the largest, +-"
@@ -250,12 +256,12 @@ def test_tables_and_verdicts_have_the_numbers_of_the_files() -> None:
         "uncertainty": pytest.approx(5e-10, rel=1e-6), "reference_uncertainty": 5e-11, "tolerance": 1e-4,
         "first_divergence": (1e-4, 1), "meaning": "mass",
     }  # fmt: skip
-    (verdict,) = shown._verdicts(judgement_of(file_of(part(0.0 * np.array(ERROR))), cause="unknown"))
+    (verdict,) = judgement_of(file_of(part(0.0 * np.array(ERROR))), cause="unknown").study.verdicts
     assert (verdict.first_divergence, verdict.outcome, math.isnan(verdict.tolerance)) == (None, "UNDECIDED", True)
 
 
 def test_a_page_has_its_tables_and_what_was_added() -> None:
-    table = shown._error_table(judgement_of())
+    table = judgement_of().study.tables[0]
     added = Addition(tables=(replace(table, id="added"),), notes=("Added.",))
     study: Any = judgement_of(convergence=(falling(),), addition=added, assumed=("Also.",)).study
     assert [each.id for each in study.tables] == ["errors", "orders", "recognised", "added"]
@@ -279,7 +285,7 @@ def test_a_page_has_its_tables_and_what_was_added() -> None:
 
 
 def test_the_figure_shows_the_error_against_time_and_body() -> None:
-    figure = shown._figure(judgement_of())
+    figure = judgement_of().study.figures[0]
     assert [panel.title for panel in figure.panels] == ["Error in run.csv", "Largest error against time"]
     data: Any = figure.panels[0].map
     # columns in the order of the bodies, times in microseconds
@@ -299,23 +305,22 @@ def test_the_figure_shows_the_error_against_time_and_body() -> None:
     assert "against time and body. Right" in figure.caption
     assert "over all bodies against time, relative to the largest velocity; dashed" in figure.caption
     assert figure.caption.endswith("explain.")
-    single = shown._figure(
-        judgement_of(file_of(part([[0.0], [1.0]], columns=(2,), name="contact_force", scale=0.0), end=2e-3))
-    )
+    force = part([[0.0], [1.0]], columns=(2,), name="contact_force", scale=0.0)
+    (single,) = judgement_of(file_of(force, end=2e-3)).study.figures
     (panel,) = single.panels
     assert panel.x_label == "time (ms)"
     assert (panel.series[0].x.tolist(), panel.series[0].y.tolist()) == ([2.0], [1.0])
     assert panel.series[1].y.tolist() == [1e-9, 1e-9]
     assert "all contacts against time" in single.caption
-    assert shown._figure(judgement_of(file_of(part(ERROR), end=1e-3))).panels[1].x_label == "time (µs)"
+    assert judgement_of(file_of(part(ERROR), end=1e-3)).study.figures[0].panels[1].x_label == "time (µs)"
     # nothing is explained: there is no line on logarithmic axes
-    exact = shown._figure(judgement_of(file_of(part(ERROR, explained=0.0))))
+    exact = judgement_of(file_of(part(ERROR, explained=0.0))).study.figures[0]
     assert [series.label for series in exact.panels[1].series] == ["run.csv (dt = 1 µs)"]
 
 
 def test_a_long_map_is_thinned_and_five_files_have_lines() -> None:
     for rows, every in ((300, 1), (301, 2), (600, 2), (601, 3)):
-        figure = shown._figure(judgement_of(file_of(part(np.ones((rows, 2))))))
+        figure = judgement_of(file_of(part(np.ones((rows, 2))))).study.figures[0]
         data: Any = figure.panels[0].map
         assert len(data.y) == len(data.values) == -(-rows // every)
         assert len(figure.panels[1].series[0].x) == rows
@@ -324,7 +329,7 @@ def test_a_long_map_is_thinned_and_five_files_have_lines() -> None:
         assert ("every sample" in figure.caption) is (every > 1)
     files = [file_of(part(ERROR), name=f"f{k}", dt=1e-6 * (k + 1)) for k in range(6)]
     files[1] = file_of(part(ERROR, name="displacement"), name="f1", dt=2e-6)
-    lines = shown._figure(judgement_of(*files)).panels[1].series
+    lines = judgement_of(*files).study.figures[0].panels[1].series
     assert [(line.label[:2], line.style) for line in lines[:-1]] == [
         (f"f{k}", f"line/{n}/{n}") for n, k in enumerate((0, 2, 3, 4, 5))
     ]
@@ -335,7 +340,7 @@ def test_errors_are_drawn_against_the_step_with_the_observed_order() -> None:
         quantity="displacement", dt=(1e-6, 2e-6), errors=(0.0, 5e-3), explained=(0.0, 0.0), order=None, flat=NAN
     )
     parts = part(ERROR), part(ERROR, name="displacement", scale=0.0)
-    figure = shown._figure(judgement_of(file_of(*parts), convergence=(falling(value=1.5), forces)))
+    figure = judgement_of(file_of(*parts), convergence=(falling(value=1.5), forces)).study.figures[0]
     assert figure.caption.endswith(" Last: root mean square error of each quantity against the time step.")
     first, guide, second = figure.panels[2].series
     assert (first.label, first.style, first.x.tolist()) == ("velocity", "mark-1", [1e-6, 2e-6, 4e-6])
@@ -344,7 +349,7 @@ def test_errors_are_drawn_against_the_step_with_the_observed_order() -> None:
     assert guide.y.tolist() == pytest.approx([8e-4, 1e-4])
     assert (second.style, second.x.tolist(), second.y.tolist()) == ("mark-2", [2e-6], [5e-3])
     # one error is no line
-    assert len(shown._figure(judgement_of(file_of(*parts), convergence=(forces,))).panels) == 2
+    assert len(judgement_of(file_of(*parts), convergence=(forces,)).study.figures[0].panels) == 2
 
 
 # ---------------------------------------------------------------- errors and outcomes
