@@ -184,6 +184,13 @@ def test_a_meaning_of_orders_needs_all_of_them(
     assert dict(shown.lines(judgement_of(*files, convergence=both)))["order"].endswith(f". {shown.TEXTS(meaning)}")
 
 
+def test_displacements_alone_have_an_order_of_their_own() -> None:
+    # without velocities nothing tells a method of second order from one with velocities of half steps
+    files = [file_of(part(ERROR, name="displacement"), dt=dt) for dt in (1e-6, 2e-6)]
+    lines = dict(shown.lines(judgement_of(*files, convergence=(falling("displacement"),))))
+    assert lines["order"].endswith(f". {shown.TEXTS('second')}")
+
+
 def test_a_floor_is_that_of_digits_or_of_errors_that_stay() -> None:
     flat = judgement_of(convergence=(falling("displacement", flat=9.0), falling(flat=4e-6)))
     assert flat.floor == pytest.approx(2e-6)
