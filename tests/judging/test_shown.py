@@ -113,8 +113,8 @@ def test_the_lines_of_two_files_name_the_judged_one_and_the_order() -> None:
         "velocity 2.00 +- 0.005, displacement 1.98 +- 0.03 (dt = 4 µs to 1 µs)."
         " Second order, as expected of velocity-Verlet and leapfrog."
     )
-    unknown = judgement_of(file_of(part(ERROR), dt=None), file_of(part(0.0 * np.array(ERROR)), name="b", dt=None))
-    assert dict(shown.lines(unknown))["velocity"].endswith("body 1 at 100 µs; run.csv")
+    undated = judgement_of(file_of(part(ERROR), dt=None), file_of(part(0.0 * np.array(ERROR)), name="b", dt=None))
+    assert dict(shown.lines(undated))["velocity"].endswith("body 1 at 100 µs; run.csv")
 
 
 def test_times_have_four_digits() -> None:

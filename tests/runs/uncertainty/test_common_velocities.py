@@ -10,13 +10,13 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.scales import in_rest_frame
-from dem_bridge.scene import Scene, Wall
-from dem_bridge.trajectory import Trajectory
-from dem_bridge.uncertainty.common_velocities import common_velocity, widen_for_common_velocities
+from dem_bridge.runs.uncertainty.common_velocities import common_velocity, widen_for_common_velocities
+from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight, uncertain
 from tests.helpers.many_scenes import many
 from tests.helpers.truths import QUANTITIES
-from tests.uncertainty.measure_bars import REFERENCES, try_backend
+from tests.runs.uncertainty.measure_bars import REFERENCES, try_backend
 
 #: scenes whose crossing or peak was 1.2 to 1.6 uncertainties from the truth
 MENDED = ("many-238", "many-271", "many-957", "many-1392")
