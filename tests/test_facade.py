@@ -62,6 +62,13 @@ def test_the_first_import_offers_all_names_and_loads_no_numpy() -> None:
 PAIR = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 
 
+@pytest.mark.parametrize("name", [name for name in db.__all__ if isinstance(getattr(db, name), ModuleType)])
+def test_a_public_module_is_there_when_nothing_else_is_imported(name: str) -> None:
+    code = f"import dem_bridge as db; print(db.{name}.__doc__[:1])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.strip(), done.stderr
+
+
 def test_solve_names_its_settings_in_its_signature() -> None:
     solve = inspect.signature(db.solve).parameters
     settings = {field.name for field in fields(db.Resolution)} - {"bars"}
