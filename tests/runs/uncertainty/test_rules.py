@@ -394,7 +394,7 @@ def test_a_crossing_by_round_off_alone_has_no_finite_uncertainty(monkeypatch: py
     assert np.all(np.isnan(still.crossing_time))
     assert np.all(np.isfinite(still.uncertainty["crossing_time"]))
     # planted: the frame at rest, which walls would fix
-    for module in ("backends.scipy_dop853", "uncertainty.replicas"):
+    for module in ("backends.scipy_dop853", "runs.uncertainty.replicas"):
         monkeypatch.setattr(f"dem_bridge.{module}.in_common_frame", lambda scene: (scene, 0.0))
     run = db.solve(scene, backend="scipy")
     assert np.all(np.isinf(run.uncertainty["crossing_time"]))
