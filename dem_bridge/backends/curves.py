@@ -66,7 +66,7 @@ def _curves(c: Contacts, cells: int) -> Curves:
 
 
 @kernel(nogil=False)
-def curve_force(contact, overlap, curves):  # type: ignore[no-untyped-def]
+def curve_force(contact: int, overlap: float, curves: Curves) -> float:
     """Force, N, of a contact at an overlap > 0; scalar, for kernels."""
     row = curves.law[contact]
     start = curves.start[row]
@@ -80,4 +80,4 @@ def curve_force(contact, overlap, curves):  # type: ignore[no-untyped-def]
     cell = min(int(place), len(coefficient) - 1)
     b = place - cell
     c = coefficient[cell]
-    return ((c[0] * b + c[1]) * b + c[2]) * b + c[3]
+    return float(((c[0] * b + c[1]) * b + c[2]) * b + c[3])

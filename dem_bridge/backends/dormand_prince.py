@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.foundation.compiled import kernel
+from dem_bridge.foundation.compiled import Floats, Ints, kernel
 
 #: weights of the earlier stages in each stage; the last row is the step itself (order 5)
 STAGES = np.array(
@@ -46,12 +46,17 @@ WARY = 0.5
 #: of the absolute tolerance: contacts less deep are passed over (with n < 2 they are the briefer the less deep)
 UNFELT = 1e-6
 
+#: left and right body, stiffness, exponent and gap of each contact
+Contacts = tuple[Ints, Ints, Floats, Floats, Floats]
 #: how a run ended
 FINISHED, STEP_TOO_SMALL, TOO_MANY_STEPS = 0, 1, 2
 
 
 @kernel()
-def integrate(mass, velocity, contacts, free, times, rtol, atol, most_steps, share, wary):  # type: ignore[no-untyped-def]
+def integrate(
+    mass: Floats, velocity: Floats, contacts: Contacts, free: Floats, times: Floats, rtol: float, atol: Floats,
+    most_steps: int, share: float, wary: bool,
+) -> tuple[Floats, Floats, Floats, Floats, Floats, int, int, int, float]:  # fmt: skip
     """Integrate a chain, and return what a trajectory has, with the numbers of steps and how it ended.
 
     The results are displacement, velocity ``(n_t, n_body)`` and force ``(n_t, n_contact)`` at ``times`` (s; the first
@@ -156,7 +161,7 @@ def integrate(mass, velocity, contacts, free, times, rtol, atol, most_steps, sha
 
 
 @kernel()
-def _slope(y, out, mass, contacts, free):  # type: ignore[no-untyped-def]
+def _slope(y: Floats, out: Floats, mass: Floats, contacts: Contacts, free: Floats) -> None:
     """Velocities and accelerations of the state ``y``, into ``out``."""
     left, right, stiffness, exponent, gap = contacts
     n = mass.shape[0]
@@ -176,7 +181,7 @@ def _slope(y, out, mass, contacts, free):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _clear(y, slope, mass, contacts, atol):  # type: ignore[no-untyped-def]
+def _clear(y: Floats, slope: Floats, mass: Floats, contacts: Contacts, atol: Floats) -> float:
     """Time that passes over no contact: to the next touch, as bodies go on by now, and ``WARY`` of that contact."""
     left, right, stiffness, exponent, gap = contacts
     n, clear = mass.shape[0], np.inf
@@ -208,21 +213,21 @@ def _clear(y, slope, mass, contacts, atol):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _law(overlap, stiffness, exponent):  # type: ignore[no-untyped-def]
+def _law(overlap: float, stiffness: float, exponent: float) -> float:
     if exponent == 2.5:
-        return stiffness * overlap * np.sqrt(overlap)
-    return stiffness * overlap ** (exponent - 1.0)
+        return float(stiffness * overlap * np.sqrt(overlap))
+    return float(stiffness * overlap ** (exponent - 1.0))
 
 
 @kernel()
-def _between(y, first, n, left, right):  # type: ignore[no-untyped-def]
+def _between(y: Floats, first: int, n: int, left: int, right: int) -> float:
     """Entry of body ``left`` minus that of body ``right``, in the part of ``y`` from ``first`` on; a wall has 0."""
     there = y[first + left] if left < n else 0.0
     return there - (y[first + right] if right < n else 0.0)
 
 
 @kernel()
-def _forces(y, out, peak, contacts):  # type: ignore[no-untyped-def]
+def _forces(y: Floats, out: Floats, peak: Floats, contacts: Contacts) -> None:
     """Write the forces in the state ``y`` into ``out``, and raise ``peak`` to them."""
     left, right, stiffness, exponent, gap = contacts
     n = y.shape[0] // 2
@@ -233,7 +238,10 @@ def _forces(y, out, peak, contacts):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _look(y, new, extension, doubt, t, h, peak, crossing, contacts):  # type: ignore[no-untyped-def]
+def _look(
+    y: Floats, new: Floats, extension: Floats, doubt: Floats, t: float, h: float, peak: Floats, crossing: Floats,
+    contacts: Contacts,
+) -> None:  # fmt: skip
     """Find each maximal compression within the step from ``y`` to ``new``.
 
     It is a fall of the closing rate through zero while the contact is closed: ``peak`` rises to its force, ``crossing``
@@ -271,18 +279,18 @@ def _look(y, new, extension, doubt, t, h, peak, crossing, contacts):  # type: ig
 
 
 @kernel()
-def _above(c, s):  # type: ignore[no-untyped-def]
+def _above(c: Floats, s: float) -> float:
     """``sum_j c[j] s^(j+1)``."""
-    return s * (c[0] + s * (c[1] + s * (c[2] + s * c[3])))
+    return float(s * (c[0] + s * (c[1] + s * (c[2] + s * c[3]))))
 
 
 @kernel()
-def _positive_somewhere(c):  # type: ignore[no-untyped-def]
+def _positive_somewhere(c: Floats) -> bool:
     """Return True if a Bernstein coefficient of the quartic ``sum_j c[j] s^j`` in [0, 1] is positive.
 
     Otherwise the quartic is positive nowhere in the interval.
     """
-    return (
+    return bool(
         c[0] > 0.0
         or c[0] + c[1] / 4 > 0.0
         or c[0] + c[1] / 2 + c[2] / 6 > 0.0
@@ -292,7 +300,7 @@ def _positive_somewhere(c):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _falls(c, last):  # type: ignore[no-untyped-def]
+def _falls(c: Floats, last: float) -> tuple[Floats, int]:
     """Return where in [0, 1] the quartic ``sum_j c[j] s^j`` falls through zero, ascending, and how many times.
 
     ``last`` is its value at 1, equal to the last digit to that of the next step's start, so that no fall is seen twice
@@ -335,5 +343,5 @@ def _falls(c, last):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _value(c, s):  # type: ignore[no-untyped-def]
-    return c[0] + _above(c[1:], s)
+def _value(c: Floats, s: float) -> float:
+    return float(c[0] + _above(c[1:], s))

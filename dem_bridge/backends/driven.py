@@ -62,13 +62,13 @@ def rate_of(scene: Scene) -> float:
 
 
 @kernel(nogil=False)
-def driving_force(time, driven):  # type: ignore[no-untyped-def]
+def driving_force(time: float, driven: Driven) -> float:
     """N, at a time (s); scalar, for kernels."""
     if len(driven.values) > 0:
         place = time / driven.interval
         cell = np.floor(place)
         at = min(int(cell), len(driven.values) - 2)
-        return driven.values[at] + (driven.values[at + 1] - driven.values[at]) * (place - cell)
+        return float(driven.values[at] + (driven.values[at + 1] - driven.values[at]) * (place - cell))
     if driven.amplitude == 0.0:
         return 0.0
     grown = 1.0
@@ -76,4 +76,4 @@ def driving_force(time, driven):  # type: ignore[no-untyped-def]
         grown = np.sin(0.5 * np.pi / driven.rise * min(time, driven.rise)) ** 2
     until = min(time, driven.sweep)
     turned = (driven.turn + driven.growth * until) * until + driven.last_turn * (time - until)
-    return driven.amplitude * grown * np.sin(turned + driven.phase)
+    return float(driven.amplitude * grown * np.sin(turned + driven.phase))

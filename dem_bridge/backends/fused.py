@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.foundation.compiled import kernel
+from dem_bridge.foundation.compiled import Floats, Ints, kernel
 from dem_bridge.trajectory.dense import may_turn
 
 #: bodies that are worked on come in such blocks, so that no loop has a remainder
@@ -24,10 +24,11 @@ _LOOK = 16
 
 
 @kernel()
-def advance(  # type: ignore[no-untyped-def]
-    n_body, first, last, mass, velocity, weight, stiffness, overlap, positional, reach, start,
-    drifts, kicks, dt, dense_steps, keep, full, resting,
-):  # fmt: skip
+def advance(
+    n_body: int, first: int, last: int, mass: Floats, velocity: Floats, weight: Floats, stiffness: Floats,
+    overlap: Floats, positional: bool, reach: Floats, start: Floats, drifts: Floats, kicks: Floats, dt: float,
+    dense_steps: Ints, keep: int, full: bool, resting: Floats,
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, float, Ints, Floats]:  # fmt: skip
     """Integrate a chain of Hertz' contacts in one vector loop per evaluation of the forces.
 
     The results are velocity, displacement ``(n_kept, n_body + 1)``, force ``(n_kept, n_contact)``, at every ``keep``-th

@@ -8,6 +8,7 @@ the paper judges by it.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,7 @@ class Ode45(AlwaysAvailable):
                 f"ode45 on {scene.name}: {accepted} steps reached t = {at:.6g} s of {scene.duration:g} s;"
                 " give a larger rtol or atol"
             )
-        motion = dict(zip(VOCABULARY, arrays, strict=True))
+        motion: dict[str, Any] = dict(zip(VOCABULARY, arrays, strict=True))
         if not np.all(np.isfinite(motion["velocity"])):
             raise RunBroken(f"ode45 on {scene.name}: velocities are not finite; give a smaller rtol")
         return Trajectory(

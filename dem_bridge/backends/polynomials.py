@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.foundation.compiled import kernel
+from dem_bridge.foundation.compiled import Floats, kernel
 
 #: pieces of a step that are looked at for a turning point of their own; the first is halved so many times where the
 #: closing rate is exactly 0 at the start: what it does then may be round-off, and a turning point follow at once
@@ -17,16 +17,16 @@ MOST_TURNS = 2 * (PIECES + HALVINGS)
 
 
 @kernel()
-def value(c, order, r):  # type: ignore[no-untyped-def]
+def value(c: Floats, order: int, r: float) -> float:
     """Return the value of the polynomial at ``t``."""
-    total = c[order]
+    total: float = c[order]
     for o in range(order - 1, -1, -1):
         total = total * r + c[o]
     return total
 
 
 @kernel()
-def root(c, order, level, low, high):  # type: ignore[no-untyped-def]
+def root(c: Floats, order: int, level: float, low: float, high: float) -> float:
     """Return where the polynomial passes ``level`` in [low, high], whose ends lie on different sides.
 
     The method is regula falsi with the Illinois weight, and bisection where that is slow. The end on the far side of
@@ -61,7 +61,7 @@ def root(c, order, level, low, high):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def first_nonzero(c, order, start):  # type: ignore[no-untyped-def]
+def first_nonzero(c: Floats, order: int, start: int) -> int:
     """Return the index of the first coefficient from ``start`` on that is not 0; ``order + 1``: there is none.
 
     Its sign is that of the polynomial right after 0.
@@ -73,7 +73,7 @@ def first_nonzero(c, order, start):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def swing(c, order, r):  # type: ignore[no-untyped-def]
+def swing(c: Floats, order: int, r: float) -> float:
     """Return the most by which the polynomial can leave its value at 0 within [0, r]."""
     most = 0.0
     for o in range(order, 0, -1):
@@ -82,14 +82,14 @@ def swing(c, order, r):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def between(c, order, low, high):  # type: ignore[no-untyped-def]
+def between(c: Floats, order: int, low: float, high: float) -> float:
     """Return the root between ``low`` and ``high``, on which the signs differ; a root at 0 itself is divided out."""
     lead = first_nonzero(c, order, 0) if low == 0.0 else 0
     return root(c[lead:], order - lead, 0.0, low, high)
 
 
 @kernel()
-def turning_points(c, order, r, turns):  # type: ignore[no-untyped-def]
+def turning_points(c: Floats, order: int, r: float, turns: Floats) -> tuple[int, bool]:
     """Write where the polynomial changes its sign in (0, r] into ``turns`` (room for MOST_TURNS), in order.
 
     Returns their number and whether the first goes from + to -; every other one then does. The interval is searched

@@ -82,9 +82,10 @@ def velocities_in(precision: str, scene: Scene, plan: Schedule, radius: float) -
 
 
 @kernel()
-def _advance(  # type: ignore[no-untyped-def]
-    place, velocity, rate, weight, stiffness, reach, near, dt, half, samples, per_sample
-):
+def _advance(
+    place: Any, velocity: Any, rate: Any, weight: Any, stiffness: Any, reach: Any, near: Any, dt: Any, half: Any,
+    samples: int, per_sample: int,
+) -> Any:  # fmt: skip
     """Integrate by half a kick, a drift and half a kick; each array keeps its type, and arithmetic is in it."""
     n = len(place) - 2
     out = np.zeros((samples + 1, n))

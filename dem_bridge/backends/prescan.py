@@ -15,11 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.driven import driven_of, driving_force, rate_of
+from dem_bridge.backends.driven import Driven, driven_of, driving_force, rate_of
 from dem_bridge.errors import RunBroken
 from dem_bridge.foundation.compiled import interruptible, kernel
 from dem_bridge.scene.scene import Scene
 
+#: one number for each body or contact: an array, or a list for the interpreter
+Row = Any
 #: gauge radius over the largest overlap, at least
 SURROGATE_MARGIN = 1.25
 #: fraction of 1/omega taken as the step
@@ -121,7 +123,7 @@ def _interpreted(scene: Scene, arguments: tuple[Any, ...]) -> Any:
     """Return what the kernel returns, without its compiler; None if the interpreter is not to be taken."""
     most = _INTERPRETED // max(scene.n_contact, 1)
     with suppress(ArithmeticError):  # where C goes on with inf
-        if interpretable(scene) and (result := _run.interpret(*map(_as_lists, arguments), most))[-1] < most:
+        if interpretable(scene) and (result := _run.interpret(*_as_lists((*arguments, most))))[-1] < most:
             return result
     return None
 
@@ -146,9 +148,10 @@ def _pace(scene: Scene) -> float:
 
 
 @kernel()
-def _press(k, overlap, v, a, inverse_mass, contacts):  # type: ignore[no-untyped-def]
+def _press(k: int, overlap: float, v: Row, a: Row, inverse_mass: Row, contacts: Any) -> float:
     """Add what a closed contact does to its bodies to their accelerations ``a``, and return its elastic force, N."""
     left, right, stiffness, exponent, damping, damping_power, clip, pull_off = contacts
+    elastic: float
     if exponent[k] == 2.5:
         elastic = stiffness[k] * overlap * math.sqrt(overlap)
     else:
@@ -164,9 +167,10 @@ def _press(k, overlap, v, a, inverse_mass, contacts):  # type: ignore[no-untyped
 
 
 @kernel()
-def _run(  # type: ignore[no-untyped-def]
-    inverse_mass, velocity, still, contacts, overlap, elastic, drag, free, driven, pace, duration, fraction, max_steps
-):
+def _run(
+    inverse_mass: Row, velocity: Row, still: Row, contacts: Any, overlap: Row, elastic: Row, drag: float, free: Row,
+    driven: Driven, pace: float, duration: float, fraction: float, max_steps: int,
+) -> tuple[Row, float, float, float, float, int]:  # fmt: skip
     """Integrate the scene coarsely, and return the largest values of what a Prescan has.
 
     All arrays may be lists. Index n_body is the wall: no inverse mass, no velocity; ``still (n_body + 1,)`` and

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.foundation.compiled import kernel
+from dem_bridge.foundation.compiled import Ints, kernel
 from dem_bridge.scene.scene import Scene
 
 Floats = NDArray[np.float64]
+#: arrays of :data:`CONTACT` or :data:`BODY`
+Table = NDArray[np.void]
 
 #: states of a contact; slack: it overlaps, but damping would make it pull
 OPEN, PRESSING, SLACK = range(3)
@@ -86,7 +88,9 @@ def body_table(scene: Scene) -> NDArray[Any]:
 
 
 @kernel(nogil=False)
-def derivative(y, state, elastic, contacts, bodies, drag, push, out):  # type: ignore[no-untyped-def]
+def derivative(
+    y: Floats, state: Ints, elastic: Floats, contacts: Table, bodies: Table, drag: float, push: float, out: Floats
+) -> None:
     """Write the time derivative of the state ``y`` into ``out``, with forces at the contacts that are PRESSING.
 
     ``elastic (n_contact,)``: elastic forces (N) where laws are functions, else empty; ``push``: force on body 0 (N).
@@ -109,7 +113,7 @@ def derivative(y, state, elastic, contacts, bodies, drag, push, out):  # type: i
 
 
 @kernel(nogil=False)
-def contact_forces(rows, elastic, contacts, n, out):  # type: ignore[no-untyped-def]
+def contact_forces(rows: Floats, elastic: Floats, contacts: Table, n: int, out: Floats) -> None:
     """Write elastic and damping force of every contact, whatever the sign of their sum, for each state in ``rows``.
 
     ``elastic``, ``out``: ``(n_row, n_contact)``; the former has no columns where no law is a function.
@@ -121,16 +125,17 @@ def contact_forces(rows, elastic, contacts, n, out):  # type: ignore[no-untyped-
 
 
 @kernel(nogil=False)
-def closing_rates(y, contacts, n, out):  # type: ignore[no-untyped-def]
+def closing_rates(y: Floats, contacts: Table, n: int, out: Floats) -> None:
     """Write the closing rate of every contact into ``out``; the closing acceleration where ``y`` is a derivative."""
     for i in range(len(contacts)):
         out[i] = closing_rate(y, contacts[i], len(contacts), n)
 
 
 @kernel(nogil=False)
-def examine(  # type: ignore[no-untyped-def]
-    before, after, begin, end, width, state, contacts, n, touch, resting, marks
-):
+def examine(
+    before: Floats, after: Floats, begin: Floats, end: Floats, width: float, state: Ints, contacts: Table, n: int,
+    touch: Floats, resting: Floats, marks: Ints,
+) -> None:  # fmt: skip
     """Mark in ``marks`` which contacts need the dense output of a step of ``width`` s; 0 where none is needed.
 
     ``before``, ``after``: states at both ends of the step; ``begin``, ``end``: their derivatives. The bits: ENDS, the
@@ -164,7 +169,10 @@ def examine(  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def margins(rows, state, elastic, contacts, n, clip, touch, unnoticed, out):  # type: ignore[no-untyped-def]
+def margins(
+    rows: Floats, state: Ints, elastic: Floats, contacts: Table, n: int, clip: bool, touch: Floats, unnoticed: Floats,
+    out: Floats,
+) -> None:  # fmt: skip
     """Write how far each contact is from a change of its state, for each state in ``rows``; arrays as above.
 
     Positive while it keeps its state; in units of the overlap ``touch`` (m) and the force ``unnoticed`` (N), or of the
@@ -189,16 +197,17 @@ def margins(rows, state, elastic, contacts, n, clip, touch, unnoticed, out):  # 
 
 
 @kernel(nogil=False)
-def closing_rate(y, contact, k, n):  # type: ignore[no-untyped-def]
+def closing_rate(y: Floats, contact: Any, k: int, n: int) -> float:
     """Return the velocity of the left body less that of the right one; a wall rests."""
     left = y[k + contact.left] if contact.left < n else 0.0
     return left - (y[k + contact.right] if contact.right < n else 0.0)
 
 
 @kernel(nogil=False)
-def contact_force(overlap, rate, elastic, contacts, i):  # type: ignore[no-untyped-def]
+def contact_force(overlap: float, rate: float, elastic: Floats, contacts: Table, i: int) -> float:
     """Return elastic force less pull-off plus damping of contact ``i``, N; without overlap minus the pull-off."""
     contact, depth = contacts[i], max(overlap, 0.0)
+    force: float
     if len(elastic) > 0:
         force = elastic[i]
     elif contact.power == 1.5:

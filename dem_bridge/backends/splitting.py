@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Named
-from dem_bridge.backends.curves import CELLS, curve_force, curves_of
-from dem_bridge.backends.driven import driven_of, driving_force
+from dem_bridge.backends.curves import CELLS, Curves, curve_force, curves_of
+from dem_bridge.backends.driven import Driven, driven_of, driving_force
 from dem_bridge.backends.fused import PADDING, advance
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.steps import Dense, check_finite, read_off, touching_in_flight
-from dem_bridge.foundation.compiled import interruptible, kernel
+from dem_bridge.foundation.compiled import Floats, Ints, interruptible, kernel
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.lmp.cell import pair_force
 from dem_bridge.scene import features
@@ -235,9 +235,11 @@ def places_of(scene: Scene, radius: Radius) -> tuple[NDArray[np.float64], NDArra
 
 
 @kernel()
-def integrate(  # type: ignore[no-untyped-def]
-    mass, velocity, contacts, links, drag, gravity, load, driven, method, dt, dense_steps, frame, tables, curves
-):
+def integrate(
+    mass: Floats, velocity: Floats, contacts: tuple[Ints, Ints, Floats, Floats, Floats, Floats, Floats, bool, Floats],
+    links: int, drag: float, gravity: float, load: Floats, driven: Driven, method: Method, dt: float,
+    dense_steps: Ints, frame: tuple[Floats, Floats, Floats], tables: Tables, curves: Curves,
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:  # fmt: skip
     """Integrate a scene by the kicks and drifts of a :class:`Method`.
 
     The results are velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap

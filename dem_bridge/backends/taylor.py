@@ -21,7 +21,7 @@ from heapq import heappop, heappush
 import numpy as np
 
 from dem_bridge.backends.polynomials import MOST_TURNS, root, swing, turning_points, value
-from dem_bridge.foundation.compiled import kernel
+from dem_bridge.foundation.compiled import Bools, Floats, Ints, kernel
 
 #: coefficients looked at for the length of a step: by symmetry some may vanish
 _TAIL = 5
@@ -30,10 +30,11 @@ _PATIENCE = 500_000
 
 
 @kernel()
-def _series(  # type: ignore[no-untyped-def]
-    order, near, bodies, contacts, closed, a, b, stiffness, exponent, overlap, velocity, position, inverse, weight,
-    w, power, t, v, x, s, u, f, g,
-):  # fmt: skip
+def _series(
+    order: int, near: int, bodies: int, contacts: int, closed: Bools, a: Ints, b: Ints, stiffness: Floats,
+    exponent: Floats, overlap: Floats, velocity: Floats, position: Floats, inverse: Floats, weight: Floats, w: Floats,
+    power: Floats, t: Floats, v: Floats, x: Floats, s: Floats, u: Floats, f: Floats, g: Floats,
+) -> None:  # fmt: skip
     """All series around the present moment. ``near``: the local contact that sets dt = w dr (-1: dt = dr).
 
     Local arrays: ``a``, ``b`` left and right body of each contact; ``weight`` the free acceleration of each body.
@@ -108,7 +109,10 @@ def _series(  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _step(order, near, bodies, contacts, closed, overlap, speed, touch, accuracy, v, s):  # type: ignore[no-untyped-def]
+def _step(
+    order: int, near: int, bodies: int, contacts: int, closed: Bools, overlap: Floats, speed: float, touch: Floats,
+    accuracy: float, v: Floats, s: Floats,
+) -> float:  # fmt: skip
     """Length of a step for which the last coefficients contribute ``accuracy`` of speeds and overlaps."""
     step = np.inf
     for o in range(order - _TAIL + 1, order + 1):
@@ -124,9 +128,11 @@ def _step(order, near, bodies, contacts, closed, overlap, speed, touch, accuracy
 
 
 @kernel()
-def integrate(  # type: ignore[no-untyped-def]
-    mass, velocity, all_contacts, of_left, of_right, free, times, touch, speed, resting, order, accuracy, most_steps
-):  # fmt: skip
+def integrate(
+    mass: Floats, velocity: Floats, all_contacts: tuple[Ints, Ints, Floats, Floats, Floats], of_left: Ints,
+    of_right: Ints, free: Floats, times: Floats, touch: Floats, speed: float, resting: Floats, order: int,
+    accuracy: float, most_steps: int,
+) -> tuple[Floats, Floats, Floats, Floats, Floats, int, int, int]:  # fmt: skip
     """Integrate a chain through ``times`` (s; the first is 0) by Taylor series.
 
     Returns displacement and velocity ``(n_t, n_body)``, force ``(n_t, n_contact)``, largest overlap, crossing time
@@ -375,7 +381,9 @@ def integrate(  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _join(j, left, right, seen, contact, contacts, where, body, bodies):  # type: ignore[no-untyped-def]
+def _join(
+    j: int, left: Ints, right: Ints, seen: Bools, contact: Ints, contacts: int, where: Ints, body: Ints, bodies: int
+) -> int:
     """Add contact ``j`` and its bodies to those that have series; return the new number of bodies."""
     seen[j] = True
     contact[contacts] = j
@@ -388,7 +396,7 @@ def _join(j, left, right, seen, contact, contacts, where, body, bodies):  # type
 
 
 @kernel()
-def _coast(i, now, x, v, t, weight):  # type: ignore[no-untyped-def]
+def _coast(i: int, now: float, x: Floats, v: Floats, t: Floats, weight: Floats) -> None:
     """Bring body ``i``, which flies freely, to ``now``."""
     lag = now - t[i]
     x[i] += lag * (v[i] + 0.5 * lag * weight[i])
@@ -397,7 +405,10 @@ def _coast(i, now, x, v, t, weight):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _await(heap, j, stamp, now, left, right, s, v, weight, touch):  # type: ignore[no-untyped-def]
+def _await(
+    heap: list[tuple[float, int, int]], j: int, stamp: int, now: float, left: int, right: int, s: Floats, v: Floats,
+    weight: Floats, touch: Floats,
+) -> None:  # fmt: skip
     """Put the time at which contact ``j``, whose bodies coast, will close into the heap, if it will."""
     wait = _collision(s[j], v[left] - v[right], weight[left] - weight[right], touch[j])
     if wait < np.inf:
@@ -405,7 +416,7 @@ def _await(heap, j, stamp, now, left, right, s, v, weight, touch):  # type: igno
 
 
 @kernel()
-def _open(j, shut, shut_list, shut_at, count):  # type: ignore[no-untyped-def]
+def _open(j: int, shut: Bools, shut_list: Ints, shut_at: Ints, count: int) -> int:
     """Take contact ``j`` from the list of closed ones; the new length."""
     shut[j] = False
     last = shut_list[count - 1]
@@ -414,7 +425,7 @@ def _open(j, shut, shut_list, shut_at, count):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _is_slow(rate, pull, touch):  # type: ignore[no-untyped-def]
+def _is_slow(rate: float, pull: float, touch: float) -> bool:
     """Return whether a contact with this closing rate at an overlap of 0 reaches ``touch`` by its acceleration.
 
     Without a rate nothing can start at 0, for dt = w dr stands still there. Such a contact starts at ``touch``, where
@@ -424,25 +435,25 @@ def _is_slow(rate, pull, touch):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _is_pulled(overlap, rate, pull, touch):  # type: ignore[no-untyped-def]
+def _is_pulled(overlap: float, rate: float, pull: float, touch: float) -> bool:
     """Return whether two coasting bodies meet at an overlap of ``touch`` and not of 0."""
     return pull > 0.0 and rate * rate - 2.0 * pull * min(overlap, 0.0) <= 2.0 * pull * touch
 
 
 @kernel()
-def _collision(overlap, rate, pull, touch):  # type: ignore[no-untyped-def]
+def _collision(overlap: float, rate: float, pull: float, touch: float) -> float:
     """Return the time until two coasting bodies begin a contact, s; inf: never.
 
     ``pull``: difference of their accelerations.
     """
     if _is_pulled(overlap, rate, pull, touch):
         way = max(touch - overlap, 0.0)
-        wide = np.sqrt(rate * rate + 2.0 * pull * way)
+        wide: float = np.sqrt(rate * rate + 2.0 * pull * way)
         return 2.0 * way / (rate + wide) if rate > 0.0 else (wide - rate) / pull
     if overlap >= 0.0 and rate > 0.0:
         return 0.0
     if overlap >= 0.0:
-        return (np.sqrt(rate * rate - 2.0 * pull * overlap) - rate) / pull if pull > 0.0 else np.inf
+        return float((np.sqrt(rate * rate - 2.0 * pull * overlap) - rate) / pull) if pull > 0.0 else np.inf
     if pull == 0.0:
         return -overlap / rate if rate > 0.0 else np.inf
     # overlap + rate t + pull t^2 / 2 = 0, the first root > 0, without cancellation

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.ensembles.touch import law_power, touch_defect
-from dem_bridge.foundation.compiled import kernel
+from dem_bridge.foundation.compiled import Floats, kernel
 from dem_bridge.trajectory.dense import first_turn, may_turn, quintic
 
 #: chains in a group; eight doubles fill one vector of AVX-512 and two of AVX2
@@ -25,7 +25,7 @@ LANES = 8
 
 
 @kernel(nogil=False)
-def _maximum(step, v0, a0, v1, a1):  # type: ignore[no-untyped-def]
+def _maximum(step: float, v0: float, a0: float, v1: float, a1: float) -> tuple[float, float]:
     """Return the part of a step at which the cubic polynomial of the velocity is largest, and the velocity there."""
     jump = (v1 - v0) / step
     tilt = 2.0 * (3.0 * jump - 2.0 * a0 - a1)
@@ -39,7 +39,7 @@ def _maximum(step, v0, a0, v1, a1):  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def _cubic(part, step, v0, a0, v1, a1):  # type: ignore[no-untyped-def]
+def _cubic(part: float, step: float, v0: float, a0: float, v1: float, a1: float) -> float:
     """Return the velocity at a part of a step by the cubic polynomial through velocity and acceleration at its ends."""
     jump = (v1 - v0) / step
     tilt, bend = 2.0 * (3.0 * jump - 2.0 * a0 - a1), 3.0 * (a0 + a1 - 2.0 * jump)
@@ -47,9 +47,10 @@ def _cubic(part, step, v0, a0, v1, a1):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def march(  # type: ignore[no-untyped-def]
-    mass, velocity, weight, stiffness, overlap, exponent, law, resting, rules, slow, drifts, kicks, step, steps, kept,
-):  # fmt: skip
+def march(
+    mass: Floats, velocity: Floats, weight: Floats, stiffness: Floats, overlap: Floats, exponent: Floats, law: int,
+    resting: Floats, rules: Floats, slow: float, drifts: Floats, kicks: Floats, step: float, steps: int, kept: Floats,
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """Solve a group of chains, and return the observables of an ensemble.
 
     ``mass``, ``velocity``, ``weight (n_body + 2, n_lane)`` (walls: infinite mass), ``stiffness``, ``overlap``,
@@ -182,7 +183,7 @@ def march(  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def _correct(j, lanes, impulse, moment, rate, v, u, s):  # type: ignore[no-untyped-def]
+def _correct(j: int, lanes: int, impulse: float, moment: float, rate: Floats, v: Floats, u: Floats, s: Floats) -> None:
     """Add an impulse and its moment to both bodies of a contact; both are in units of the step, like ``rate``."""
     for i, sign in ((j, -1.0), (j + lanes, 1.0)):
         v[i] += sign * impulse * rate[i]
@@ -195,7 +196,7 @@ def _correct(j, lanes, impulse, moment, rate, v, u, s):  # type: ignore[no-untyp
 
 
 @kernel(nogil=False)
-def _store(kept, nth, u, lanes):  # type: ignore[no-untyped-def]
+def _store(kept: Floats, nth: int, u: Floats, lanes: int) -> None:
     """Store the velocities of a sample chain by chain."""
     for lane in range(lanes):
         for i in range(kept.shape[2]):

@@ -36,19 +36,19 @@ def jacobi_rules(exponent: Floats) -> Floats:
 
 
 @kernel(nogil=False)
-def law_power(depth, law, exponent):  # type: ignore[no-untyped-def]
+def law_power(depth: float, law: int, exponent: float) -> float:
     """Return depth^(n-1) of a positive depth, else 0; ``law`` is 0 for n = 5/2, 1 for n = 2, 2 for any other n."""
     closed = depth if depth > 0.0 else 0.0
     if law == 0:
-        return closed * np.sqrt(closed)
-    return closed if law == 1 else closed ** (exponent - 1.0)
+        return float(closed * np.sqrt(closed))
+    return closed if law == 1 else float(closed ** (exponent - 1.0))
 
 
 @kernel(nogil=False)
-def touch_defect(  # type: ignore[no-untyped-def]
-    overlap, closing, acceleration, acceleration_end, mobility, stiffness, law, exponent, rule, least, drifts, kicks,
-    step,
-):  # fmt: skip
+def touch_defect(
+    overlap: float, closing: float, acceleration: float, acceleration_end: float, mobility: float, stiffness: float,
+    law: int, exponent: float, rule: Floats, least: float, drifts: Floats, kicks: Floats, step: float,
+) -> tuple[float, float]:  # fmt: skip
     """Return exact minus numerical impulse (N s) of a step that closes a contact, and its moment (N s^2).
 
     The moment is the integral of force times the time that is left of the step. ``overlap``, ``closing`` and

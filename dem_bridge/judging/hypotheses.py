@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.judging.model import Model, System, system_of
+from dem_bridge.judging.kernels import System
+from dem_bridge.judging.model import Model, system_of
 from dem_bridge.scene.scene import Scene
 
 Floats = NDArray[np.float64]

@@ -6,10 +6,12 @@ with the right wall; a contact without stiffness is absent. The package's other 
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from dem_bridge.backends.driven import driving_force
-from dem_bridge.foundation.compiled import kernel
+from dem_bridge.backends.driven import Driven, driving_force
+from dem_bridge.foundation.compiled import Floats, Ints, kernel
 
 #: fixed-step methods: velocity Verlet, leapfrog that starts with a drift, symplectic Euler that starts with a kick or
 #: with a drift, explicit Euler, and the classical Runge-Kutta method of order 4
@@ -22,8 +24,45 @@ _AHEAD = 5
 MOST_STEPS = 60_000
 
 
+class System(NamedTuple):
+    """The numbers of a scene along its line: contact j is in front of body j, contacts 0 and n are with walls."""
+
+    mass: Floats
+    velocity: Floats
+    free: Floats
+    """Acceleration of each body without contacts, m/s^2."""
+    stiffness: Floats
+    exponent: Floats
+    gap: Floats
+    damping: Floats
+    damping_power: Floats
+    pull_off: Floats
+    drag: float
+    driven: Driven
+    clipped: bool
+    pulls: bool
+    hertz: bool
+    damped: bool
+    adhesive: bool
+    first_step: float
+
+    def changed(self, **values: Any) -> System:
+        """Return the system with other numbers."""
+        system = self._replace(**values)
+        return system._replace(**kinds_of(system.exponent, system.damping, system.pull_off))
+
+
+def kinds_of(exponent: Floats, damping: Floats, pull_off: Floats) -> dict[str, Any]:
+    """Return the kinds of forces that a system has."""
+    return {
+        "hertz": bool(np.all(exponent == 2.5)),
+        "damped": bool(np.any(damping > 0.0)),
+        "adhesive": bool(np.any(pull_off > 0.0)),
+    }
+
+
 @kernel(nogil=False)
-def forces(x, v, count, system, f):  # type: ignore[no-untyped-def]
+def forces(x: Floats, v: Floats, count: int, system: System, f: Floats) -> None:
     """Write the forces (N) of the contacts in front of the first ``count`` bodies, and of the next one, into ``f``."""
     n = len(system.mass)
     last = min(count, n - 1)
@@ -59,7 +98,7 @@ def forces(x, v, count, system, f):  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def accelerations(t, x, v, count, system, f, a):  # type: ignore[no-untyped-def]
+def accelerations(t: float, x: Floats, v: Floats, count: int, system: System, f: Floats, a: Floats) -> None:
     """Write the acceleration (m/s^2) of the first ``count`` bodies at time ``t`` (s) into ``a``."""
     forces(x, v, count, system, f)
     for i in range(count):
@@ -69,7 +108,7 @@ def accelerations(t, x, v, count, system, f, a):  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def reached(v, a, count, speed):  # type: ignore[no-untyped-def]
+def reached(v: Floats, a: Floats, count: int, speed: float) -> int:
     """Return the number of bodies to work on: those that move, and some ahead of them, ``count`` at least."""
     last = len(v)
     while last > count - _AHEAD and last > 0 and abs(v[last - 1]) <= _AT_REST * speed and a[last - 1] == 0.0:
@@ -78,7 +117,9 @@ def reached(v, a, count, speed):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def adaptive(system, times, speed, tolerance, method, weights, errors):  # type: ignore[no-untyped-def]
+def adaptive(
+    system: System, times: Floats, speed: float, tolerance: float, method: Floats, weights: Floats, errors: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Integrate by an explicit Runge-Kutta pair of order 8 (Dormand & Prince) that steps onto each of ``times``.
 
     ``tolerance`` is that of the velocities in a step, relative to ``speed``. ``method``, ``weights``, ``errors``: its
@@ -151,7 +192,7 @@ def adaptive(system, times, speed, tolerance, method, weights, errors):  # type:
 
 
 @kernel()
-def fixed(system, steps, dt, method, speed):  # type: ignore[no-untyped-def]
+def fixed(system: System, steps: Ints, dt: float, method: int, speed: float) -> tuple[Floats, Floats, Floats, Floats]:
     """Integrate by one of the fixed-step methods and return the state after each of ``steps`` (increasing numbers).
 
     The results are displacement, velocity, acceleration ``(n_t, n)`` and force ``(n_t, n + 1)``, with the acceleration

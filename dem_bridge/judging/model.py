@@ -3,57 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.driven import Driven, driven_of
+from dem_bridge.backends.driven import driven_of
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.judging import kernels
+from dem_bridge.judging.kernels import System, kinds_of
 from dem_bridge.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 
 #: tolerance of a step of the adaptive method; the error of velocities is some ten times larger
 TOLERANCE = 1e-11
-
-
-class System(NamedTuple):
-    """The numbers of a scene along its line: contact j is in front of body j, contacts 0 and n are with walls."""
-
-    mass: Floats
-    velocity: Floats
-    free: Floats
-    """Acceleration of each body without contacts, m/s^2."""
-    stiffness: Floats
-    exponent: Floats
-    gap: Floats
-    damping: Floats
-    damping_power: Floats
-    pull_off: Floats
-    drag: float
-    driven: Driven
-    clipped: bool
-    pulls: bool
-    hertz: bool
-    damped: bool
-    adhesive: bool
-    first_step: float
-
-    def changed(self, **values: object) -> System:
-        """Return the system with other numbers."""
-        system = self._replace(**values)  # type: ignore[arg-type]
-        return system._replace(**_kinds(system.exponent, system.damping, system.pull_off))
-
-
-def _kinds(exponent: Floats, damping: Floats, pull_off: Floats) -> dict[str, Any]:
-    """Return the kinds of forces that a system has."""
-    return {
-        "hertz": bool(np.all(exponent == 2.5)),
-        "damped": bool(np.any(damping > 0.0)),
-        "adhesive": bool(np.any(pull_off > 0.0)),
-    }
 
 
 def system_of(scene: Scene) -> System:
@@ -83,7 +46,7 @@ def system_of(scene: Scene) -> System:
         clipped=bool(c.clip),
         pulls=False,
         first_step=1e-4 * scene.duration,
-        **_kinds(exponent, damping, pull_off),
+        **kinds_of(exponent, damping, pull_off),
     )
 
 

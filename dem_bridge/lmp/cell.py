@@ -6,11 +6,14 @@ calls it, does not depend on the construction of tables.
 
 from __future__ import annotations
 
-from dem_bridge.foundation.compiled import kernel
+from dem_bridge.foundation.compiled import Floats, kernel
 
 
 @kernel(nogil=False)
-def pair_force(rsq, inner_squared, spacing, inverse_spacing, sixth, value, second):  # type: ignore[no-untyped-def]
+def pair_force(
+    rsq: float, inner_squared: float, spacing: float, inverse_spacing: float, sixth: float, value: Floats,
+    second: Floats,
+) -> float:  # fmt: skip
     """Return force over distance, N/m, at the squared distance ``rsq`` (m^2), for use in kernels.
 
     The distance is between the inner line and the cutoff. ``second`` is empty for style linear. The caller checks the
@@ -22,6 +25,7 @@ def pair_force(rsq, inner_squared, spacing, inverse_spacing, sixth, value, secon
     i = last if place >= last else int(place) if place > 0.0 else 0  # nan: 0
     b = (rsq - (inner_squared + i * spacing)) * inverse_spacing
     if len(second) == 0:
-        return value[i] + b * (value[i + 1] - value[i])
+        return float(value[i] + b * (value[i + 1] - value[i]))
     a = 1.0 - b
-    return a * value[i] + b * value[i + 1] + ((a * a * a - a) * second[i] + (b * b * b - b) * second[i + 1]) * sixth
+    bend = ((a * a * a - a) * second[i] + (b * b * b - b) * second[i + 1]) * sixth
+    return float(a * value[i] + b * value[i + 1] + bend)

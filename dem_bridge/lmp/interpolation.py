@@ -25,7 +25,10 @@ from dem_bridge.physics.law import ContactLaw
 
 
 @kernel(nogil=False)
-def _pair_forces(rsq, cut_squared, inner_squared, spacing, inverse_spacing, sixth, value, second):  # type: ignore[no-untyped-def]
+def _pair_forces(
+    rsq: Floats, cut_squared: float, inner_squared: float, spacing: float, inverse_spacing: float, sixth: float,
+    value: Floats, second: Floats,
+) -> Floats:  # fmt: skip
     """Return force over distance of many pairs, N/m; 0 from the cutoff on."""
     out = np.zeros(len(rsq))
     for k in range(len(rsq)):
@@ -35,7 +38,7 @@ def _pair_forces(rsq, cut_squared, inner_squared, spacing, inverse_spacing, sixt
 
 
 @kernel(nogil=False)
-def _second_derivatives(x, y, first, last):  # type: ignore[no-untyped-def]
+def _second_derivatives(x: Floats, y: Floats, first: float, last: float) -> Floats:
     """Return the second derivatives of the cubic spline through (x, y) with the slopes ``first`` and ``last``."""
     n = len(x)
     second = np.empty(n)
@@ -56,7 +59,7 @@ def _second_derivatives(x, y, first, last):  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def _read_off(x, y, second, at):  # type: ignore[no-untyped-def]
+def _read_off(x: Floats, y: Floats, second: Floats, at: Floats) -> Floats:
     """Return the values of the spline at the ascending places ``at``."""
     out = np.empty(len(at))
     low = 0
@@ -136,8 +139,8 @@ def interpolated(table: ContactTable, *, style: Style, points: int) -> Interpola
     second_of_file = _second_derivatives(r, f, first, last)
     inner_squared, cut = float(r[0] * r[0]), float(r[-1])
     spacing = (cut * cut - inner_squared) / (points - 1)
-    squared = inner_squared + np.arange(points) * spacing
-    distance = np.sqrt(squared)
+    squared = inner_squared + np.arange(points, dtype=np.float64) * spacing
+    distance: Floats = np.sqrt(squared)
     internal = _read_off(r, f, second_of_file, distance)
     second = np.empty(0)
     inner = math.sqrt(inner_squared)

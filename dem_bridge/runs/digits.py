@@ -136,7 +136,7 @@ def _digest(values: Any) -> str:
 
 
 @kernel(nogil=False)
-def compiled_probe(numbers, out):  # type: ignore[no-untyped-def]
+def compiled_probe(numbers: Floats, out: Floats) -> None:
     """Fill ``out`` with what compiled code computes: powers, roots, functions, sums of products, divisions."""
     total, product = 0.0, 1.0
     for i in range(len(numbers)):

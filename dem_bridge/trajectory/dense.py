@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.polynomial import polynomial as poly
@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.compiled import kernel
 from dem_bridge.scene.contacts import Contacts, Floats
+
+#: a number, or an array of them
+Number = TypeVar("Number", float, Floats)
 
 #: largest number of steps that LAMMPS can count in one run
 MOST_STEPS = 2e9
@@ -342,7 +345,9 @@ def quintics(value: Floats, slope: Floats, curvature: Floats, width: Floats) -> 
 
 
 @kernel(nogil=False)
-def quintic(value0, value1, slope0, slope1, curvature0, curvature1):  # type: ignore[no-untyped-def]
+def quintic(
+    value0: Number, value1: Number, slope0: Number, slope1: Number, curvature0: Number, curvature1: Number
+) -> tuple[Number, Number, Number, Number, Number, Number]:
     """Return the coefficients c_0..c_5 of the Hermite quintic on [0, 1], from numbers or arrays at both ends."""
     half0 = 0.5 * curvature0
     rise, turn, bend = value1 - value0 - slope0 - half0, slope1 - slope0 - 2.0 * half0, 0.5 * curvature1 - half0
@@ -362,7 +367,7 @@ def _quartic(speed: Floats, value: Floats, slope: Floats, curvature: Floats, wid
 
 
 @kernel(nogil=False)
-def may_turn(rate0, rate1, bend0, bend1, width):  # type: ignore[no-untyped-def]
+def may_turn(rate0: Number, rate1: Number, bend0: Number, bend1: Number, width: Number) -> Any:
     """Return whether a closing rate may fall through zero between two samples, from numbers or arrays at both.
 
     It does where it is positive before and not after. With one sign at both samples it may dip below zero, or rise
@@ -375,7 +380,7 @@ def may_turn(rate0, rate1, bend0, bend1, width):  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def first_turns(polynomial, last):  # type: ignore[no-untyped-def]
+def first_turns(polynomial: Floats, last: Floats) -> Floats:
     """Return where polynomials ``(6, m)`` with the slopes ``last (m,)`` at their ends turn; see :func:`first_turn`."""
     turns = np.zeros(polynomial.shape[1])
     for column in range(polynomial.shape[1]):
@@ -385,7 +390,7 @@ def first_turns(polynomial, last):  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def first_turn(c1, c2, c3, c4, c5, last):  # type: ignore[no-untyped-def]
+def first_turn(c1: float, c2: float, c3: float, c4: float, c5: float, last: float) -> float:
     """Return where in [0, 1] a polynomial first turns from rising to falling; nan if it does not.
 
     ``last`` is its slope at 1, whose sign the sum of the coefficients may miss by round-off.
@@ -402,7 +407,7 @@ def first_turn(c1, c2, c3, c4, c5, last):  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def extreme_slopes(polynomial, signs):  # type: ignore[no-untyped-def]
+def extreme_slopes(polynomial: Floats, signs: Floats) -> tuple[Floats, Floats]:
     """Return where the slopes of polynomials ``(6, m)`` are extreme, and these slopes; see :func:`extreme_slope`."""
     parts, slopes = np.zeros(polynomial.shape[1]), np.zeros(polynomial.shape[1])
     for column in range(polynomial.shape[1]):
@@ -412,7 +417,7 @@ def extreme_slopes(polynomial, signs):  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def extreme_slope(c1, c2, c3, c4, c5, sign):  # type: ignore[no-untyped-def]
+def extreme_slope(c1: float, c2: float, c3: float, c4: float, c5: float, sign: float) -> tuple[float, float]:
     """Return where in [0, 1] the slope of a polynomial is largest, or smallest if ``sign`` is -1, and the slope there.
 
     The slope rises at 0 and falls at 1, or the opposite.
@@ -422,7 +427,7 @@ def extreme_slope(c1, c2, c3, c4, c5, sign):  # type: ignore[no-untyped-def]
 
 
 @kernel(nogil=False)
-def turning_point(c1, c2, c3, c4, c5, low, high):  # type: ignore[no-untyped-def]
+def turning_point(c1: float, c2: float, c3: float, c4: float, c5: float, low: float, high: float) -> float:
     """Return the root in [low, high] of the derivative of a polynomial, by Newton's method within a bracket.
 
     The derivative is > 0 at ``low`` and <= 0 at ``high``.

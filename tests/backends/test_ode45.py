@@ -176,7 +176,7 @@ def test_the_stages_motion_ahead_of_a_front_is_no_collision(decelerating: Truth)
 
 def test_falls_of_a_quartic_are_all_found() -> None:
     roots = [0.2, 0.45, 0.6, 0.9]
-    c = np.polynomial.polynomial.polyfromroots(roots)
+    c = np.asarray(np.polynomial.polynomial.polyfromroots(roots), dtype=np.float64)
     at_one = float(np.sum(c))
     falls, count = dormand_prince._falls(c, at_one)  # + to 0.2, - to 0.45, + to 0.6, - to 0.9, +
     assert falls[:count] == pytest.approx([0.2, 0.6], abs=1e-14)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -144,7 +145,7 @@ def test_chains_without_scatter_are_the_scene() -> None:
 
 @pytest.mark.lammps
 def test_a_fault_of_the_kernel_is_named_by_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stiffer(mass: object, velocity: object, weight: object, stiffness: float, *more: object) -> object:
+    def stiffer(mass: Any, velocity: Any, weight: Any, stiffness: Any, *more: Any) -> object:
         return march(mass, velocity, weight, 1.001 * stiffness, *more)
 
     monkeypatch.setattr(solve, "march", stiffer)

@@ -13,8 +13,8 @@ from dem_bridge.formats.readers import Record
 from dem_bridge.judging.decision import Decision
 from dem_bridge.judging.fitting import MOST_STEPS, Data, Fitter, Stepping, least
 from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, _effective, global_hypotheses
-from dem_bridge.judging.kernels import KICK_EULER, RK4, VERLET
-from dem_bridge.judging.model import Model, System, system_of
+from dem_bridge.judging.kernels import KICK_EULER, RK4, VERLET, System
+from dem_bridge.judging.model import Model, system_of
 from dem_bridge.judging.samples import half_steps, sample_hypotheses
 from dem_bridge.judging.search import Search, _missed
 from dem_bridge.scene.file import parse_scene

@@ -10,7 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from dem_bridge.judging import kernels
-from dem_bridge.judging.model import Model, System
+from dem_bridge.judging.kernels import System
+from dem_bridge.judging.model import Model
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.trajectory.trajectory import Floats
 
