@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,21 +38,23 @@ def sample_hypotheses(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesi
     )
     for lag in (1, -1):
         words = f"Each sample is that of the {'previous' if lag > 0 else 'next'} time."
-        yield Hypothesis("sampling-shift", lambda p, lag=lag: Variant(base, lag=lag), words)  # type: ignore[misc]
+        yield Hypothesis("sampling-shift", _always(Variant(base, lag=lag)), words)
     n = data.model.scene.n_body
     for sign in (1.0, -1.0):
         words = f"The bodies are in reversed order{'' if sign > 0.0 else ', and the axis is reversed'}."
         order = tuple(range(n - 1, -1, -1))
-        yield Hypothesis(
-            "order-of-bodies",
-            lambda p, sign=sign, order=order: Variant(base, order=order, factors=(sign, sign, 1.0)),  # type: ignore[misc]
-            words,
-        )
+        variant = Variant(base, order=order, factors=(sign, sign, 1.0))
+        yield Hypothesis("order-of-bodies", _always(variant), words)
     yield from _other_origin(data)
     yield from _other_orders(data)
     yield from _other_signs(data, exact)
     yield from _units(data, exact)
     yield from _factors(data, exact)
+
+
+def _always(variant: Variant) -> Callable[[Floats], Variant]:
+    """Return the function that makes one variant, whatever the parameters: nothing is fitted."""
+    return lambda p: variant
 
 
 def _other_origin(data: Data) -> Iterator[Hypothesis]:
@@ -66,7 +68,7 @@ def _other_origin(data: Data) -> Iterator[Hypothesis]:
         if np.any(np.nan_to_num(offset)):
             variant = Variant(data.model.system, offset=tuple(offset.tolist()))
             words = f"Displacements are up to {np.max(np.abs(offset)):.6g} m at the start: they have another origin."
-            yield Hypothesis("start-position", lambda p, variant=variant: variant, words)  # type: ignore[misc]
+            yield Hypothesis("start-position", _always(variant), words)
 
 
 def _other_orders(data: Data) -> Iterator[Hypothesis]:
@@ -100,7 +102,7 @@ def _other_orders(data: Data) -> Iterator[Hypothesis]:
         few = ", ".join(f"body {bodies[k]} of the file is body {places[k]} of the scene" for k in moved_bodies[:3])
         words = f"The bodies are in another order: {few}{' and so on' if len(moved_bodies) > 3 else ''}."
         variant = Variant(base, order=tuple(order.tolist()), factors=(sign, sign, 1.0))
-        yield Hypothesis("order-of-bodies", lambda p, variant=variant: variant, words)  # type: ignore[misc]
+        yield Hypothesis("order-of-bodies", _always(variant), words)
 
 
 def _other_signs(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
@@ -168,11 +170,7 @@ def _units(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
         if words:
             sentence = f"Units: {' and '.join(words)} give SI."
             fixed = (factors[0], factors[1], factors[2])
-            yield Hypothesis(
-                "units",
-                lambda p, scale=scale, fixed=fixed: Variant(base, scale=scale, factors=fixed),  # type: ignore[misc]
-                sentence,
-            )
+            yield Hypothesis("units", _always(Variant(base, scale=scale, factors=fixed)), sentence)
 
 
 def half_steps(data: Data, first_step: float) -> Iterator[Hypothesis]:

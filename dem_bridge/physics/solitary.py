@@ -316,14 +316,15 @@ def filtered(kernel: Floats, values: Floats) -> Floats:
     from scipy.fft import dct
 
     product = (kernel * dct(values, type=1, axis=0).T).T
-    return dct(product, type=1, axis=0) / (2 * (len(kernel) - 1))  # type: ignore[no-any-return]
+    result: Floats = dct(product, type=1, axis=0) / (2 * (len(kernel) - 1))
+    return result
 
 
 def _coefficients(values: Floats) -> Floats:
     """Return the cosine coefficients of grid values as a read-only array."""
     from scipy.fft import dct
 
-    coefficients = dct(values, type=1) / (len(values) - 1)
+    coefficients: Floats = dct(values, type=1) / (len(values) - 1)
     coefficients[[0, -1]] *= 0.5
     coefficients.flags.writeable = False
-    return coefficients  # type: ignore[no-any-return]
+    return coefficients
