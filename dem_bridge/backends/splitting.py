@@ -26,7 +26,7 @@ from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.support import Support
 from dem_bridge.trajectory.dense import Schedule, Turns, at_turns
-from dem_bridge.trajectory.trajectory import Floats, Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 
 #: radius of the bodies, m, or that of each along their line, walls included
 Radius = float | NDArray[np.float64]
