@@ -106,24 +106,28 @@ class Reference(AlwaysAvailable):
         inner_left, inner_right = c.left < n, c.right < n
         of_right[c.left[inner_left]] = np.flatnonzero(inner_left)
         of_left[c.right[inner_right]] = np.flatnonzero(inner_right)
-        unit = _time_unit(scene, speed, depth)
-        x, v, force, deepest, crossing, steps, openings, closings = interruptible(
-            integrate,
-            np.array(scene.mass),
-            np.array(scene.velocity) * unit,
-            (c.left, c.right, c.stiffness * unit**2, c.exponent, c.gap),
-            of_left,
-            of_right,
-            scene.free_acceleration * unit**2,
-            times / unit,
-            unfelt * _unfelt(scene, speed, depth),
-            speed * unit if speed > 0.0 else 1.0,
-            resting_acceleration(scene) * unit**2,
-            order,
-            accuracy,
-            MOST_STEPS,
-        )
-        if not np.all(np.isfinite(v)):
+        touch = unfelt * _unfelt(scene, speed, depth)
+        # the usual unit, and where coefficients are beyond doubles in it one in which those of faint contacts are not
+        for unit in dict.fromkeys((_time_unit(scene, speed, depth), _time_unit(scene, speed, depth, touch))):
+            x, v, force, deepest, crossing, steps, openings, closings = interruptible(
+                integrate,
+                np.array(scene.mass),
+                np.array(scene.velocity) * unit,
+                (c.left, c.right, c.stiffness * unit**2, c.exponent, c.gap),
+                of_left,
+                of_right,
+                scene.free_acceleration * unit**2,
+                times / unit,
+                touch,
+                speed * unit if speed > 0.0 else 1.0,
+                resting_acceleration(scene) * unit**2,
+                order,
+                accuracy,
+                MOST_STEPS,
+            )
+            if np.all(np.isfinite(v)):
+                break
+        else:
             raise RunBroken(
                 f"reference on {scene.name}: no end after {steps} steps and {openings} openings; take backend='scipy'"
             )
@@ -154,15 +158,15 @@ def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[n
     return np.asarray(touch * depth * felt ** (1.0 / (c.exponent - 1.0)))
 
 
-def _time_unit(scene: Scene, speed: float, depth: NDArray[np.float64]) -> float:
+def _time_unit(scene: Scene, speed: float, depth: NDArray[np.float64], *faint: NDArray[np.float64]) -> float:
     """Return the unit of time, s, in which coefficients of the series are numbers: a power of two, 1 if that serves.
 
-    The series of a contact that is ``d`` deep and lasts ``t`` go in powers of ``sqrt(d)/t``, and a body that is light
-    enough makes that large.
+    The series of a contact that is ``d`` deep and lasts ``t`` go in powers of ``sqrt(d)/t``. A body that is light
+    enough makes that large, and so does a contact that has just reached a ``faint`` overlap while another one closes.
     """
     if speed == 0.0 or not scene.n_contact:
         return 1.0
-    depths = np.concatenate([depth, np.minimum(depth, pair_overlap(scene, speed))])
+    depths = np.concatenate([depth, np.minimum(depth, pair_overlap(scene, speed)), *faint])
     powers = np.log2(np.sqrt(depths) / speed)
     low, high = float(np.min(powers)), float(np.max(powers))
     return 1.0 if low > -_MOST_POWER and high < _MOST_POWER else 2.0 ** round(0.5 * (low + high))

@@ -34,6 +34,8 @@ from dem_bridge.scene.scene import Scene
 PROBES = np.concatenate([[0.0, 1e-6], np.arange(1, 8) / 8.0, [1.0 - 1e-6, 1.0]])
 #: what a force must stand out by, of the largest, for a maximum beside its probe
 FLAT = 1e-12
+#: part of a time by which an event may be late: twice the tolerance of :func:`.root_of`
+LAST_DIGITS = 2e-15
 #: events without any time between them, per contact, after which a run is given up
 MOST_AT_ONCE = 10
 
@@ -68,7 +70,10 @@ class DampedIntegration(Integration):
         return np.where(overlap > 0.0, np.where(pushes, PRESSING, SLACK), np.where(touching, PRESSING, OPEN))
 
     def _switch(self, contact: int, y: Floats, state: NDArray[Any]) -> None:
-        at_touch, parting = y[contact] <= self.touch[contact], self._closing(y)[contact] < 0.0
+        rate = float(self._closing(y)[contact])
+        # with n < 2 an overlap that is felt may be less than that which passes in the last digits of a time
+        touch = max(float(self.touch[contact]), LAST_DIGITS * self.last_event * abs(rate))
+        at_touch, parting = y[contact] <= touch, rate < 0.0
         if state[contact] == OPEN:
             state[contact] = PRESSING
         elif state[contact] == PRESSING:
@@ -76,7 +81,7 @@ class DampedIntegration(Integration):
         else:
             state[contact] = OPEN if at_touch and parting else PRESSING
         if at_touch:
-            put_on_its_side(contact, y, state, float(self.touch[contact]))
+            put_on_its_side(contact, y, state, touch)
 
     def _margins(self, rows: Floats, state: NDArray[Any]) -> Floats:
         """Return how far each contact is from a change of its state, ``(n_row, n_contact)``: see the kernel."""
@@ -112,7 +117,11 @@ class DampedIntegration(Integration):
             self.at_once = self.at_once + 1 if event[0] == self.last_event else 0
             self.last_event = event[0]
             if self.at_once > MOST_AT_ONCE * self.k:
-                raise RunBroken(f"scipy on {self.scene.name}: contact {event[1]} chatters at t = {event[0]:.6g} s")
+                raise RunBroken(
+                    f"scipy on {self.scene.name}: contact {event[1]} chatters at t = {event[0]:.6g} s, with"
+                    f" {self.at_once} events without any time between them; allowed: {MOST_AT_ONCE * self.k}; take"
+                    " backend='verlet'"
+                )
         return event
 
     def _grazes(self, solver: DOP853, step: Step, state: NDArray[Any]) -> list[tuple[float, int]]:

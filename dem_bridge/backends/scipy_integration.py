@@ -181,7 +181,11 @@ class Integration:
                 with np.errstate(over="ignore", invalid="ignore"):  # a trial step may be far too long, and is refused
                     message = solver.step()
                 if solver.status == "failed":
-                    raise RunBroken(f"scipy on {self.scene.name}: DOP853 stopped at t = {solver.t:.6g} s: {message}")
+                    raise RunBroken(
+                        f"scipy on {self.scene.name}: DOP853 stopped at t = {solver.t:.6g} s: {message} Shorten the"
+                        " duration or gap before that time, which leaves its last digits to a collision, or take"
+                        " backend='verlet'"
+                    )
                 self.steps += 1
                 step = Step(solver, self.contacts)
                 self._examine(solver, begin, state)

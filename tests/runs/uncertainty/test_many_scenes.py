@@ -9,13 +9,20 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.backends import reference, scipy_damped
+from dem_bridge.errors import RunBroken
 from dem_bridge.runs.uncertainty.replicas import looser_rule, replica_uncertainty
+from tests.helpers.awkward_scenes import awkward
 from tests.helpers.many_scenes import many
 from tests.helpers.truths import QUANTITIES
 from tests.runs.uncertainty.measure_bars import ALLOWED, OTHERS, REFERENCES, enough, summary, try_backend
 
 #: linear chains in touch, whose references were wrong together by up to 1.4 uncertainties (of crossings and of peaks)
 LINEAR = ("many-28", "many-58")
+#: damped contacts with n < 2, of which the last digits of a time are more than the least overlap that is felt
+LATE = ("awkward-41", "awkward-51", "awkward-365", "many-407", "many-1428", "many-5120")
+#: contacts in touch at the start, of which some begin while others have just begun
+TIES = ("many-472", "many-893")
 #: quantities of scenes that are outside by a fault that docs/quality.md names, for one backend each
 KNOWN = {("scipy", "many-1027"): ("displacement", "velocity")}
 
@@ -25,6 +32,27 @@ def test_the_first_motions_of_a_linear_chain_are_felt(name: str) -> None:
     pairs = [(scene, truth) for scene, truth in many() if scene.name == name]
     [trial] = try_backend("reference", pairs)
     assert max(trial.ratio.values()) <= 1.0
+
+
+def test_a_damped_contact_may_end_as_late_as_the_last_digits_of_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    pairs = [pair for pair in (*awkward(), *many()) if pair[0].name in LATE]
+    trials = try_backend("reference", pairs)
+    assert len(trials) == len(LATE)
+    assert max(max(trial.ratio.values()) for trial in trials) <= 1.0
+    # planted: no digit is allowed for, and what the contact has left begins anew, without end
+    monkeypatch.setattr(scipy_damped, "LAST_DIGITS", 0.0)
+    assert len(try_backend("reference", pairs)) < len(LATE)
+
+
+@pytest.mark.parametrize("name", TIES)
+def test_contacts_of_one_moment_have_series_within_doubles(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pairs = [pair for pair in many() if pair[0].name == name]
+    [trial] = try_backend("reference", pairs)
+    assert max(trial.ratio.values()) <= 1.0
+    # planted: one unit of time for all
+    monkeypatch.setattr(reference, "_time_unit", lambda *scales: 1.0)
+    with pytest.raises(RunBroken, match="take backend='scipy'"):
+        db.solve(pairs[0][0], backend="reference")
 
 
 def test_contacts_of_an_ill_conditioned_chain_are_as_uncertain_as_its_velocities() -> None:
