@@ -86,6 +86,7 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
         return run.uncertainty
     from dem_bridge.backends.scipy_dop853 import ScipyDop853
     from dem_bridge.runs.uncertainty.common_velocities import widen_for_common_velocities
+    from dem_bridge.runs.uncertainty.last_crossings import widen_for_the_end
     from dem_bridge.runs.uncertainty.near_turns import widen_for_near_turns
     from dem_bridge.runs.uncertainty.replicas import looser_rule, replica_uncertainty, rule_of
 
@@ -93,13 +94,15 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
     if not looser:
         code = cast(Replicating, backend(case.backend))
         replicas = code.replicas(case.scene, case.resolution, case.sampling)
-        return replica_uncertainty(run, replicas, rule_of(case.backend, case.scene))
+        uncertainty = replica_uncertainty(run, replicas, rule_of(case.backend, case.scene))
+        return widen_for_the_end(uncertainty, case.scene, run)
     runs, scipy = [], ScipyDop853(largest_rtol=math.inf)  # a looser run need not be as good as a reference
     for number, other in enumerate(looser, start=1):
         with progress.share(number / (1 + len(looser)), 1.0 / (1 + len(looser))):
             runs.append(cache.load_or_solve(other, partial(other.solve, scipy)))
     uncertainty = replica_uncertainty(run, runs, looser_rule(case.scene))
-    return widen_for_near_turns(widen_for_common_velocities(uncertainty, case.scene, run), case.scene, run, runs)
+    uncertainty = widen_for_common_velocities(uncertainty, case.scene, run)
+    return widen_for_the_end(widen_for_near_turns(uncertainty, case.scene, run, runs), case.scene, run)
 
 
 def parts_of(case: Case, cache: RunCache) -> tuple[Case, ...] | None:

@@ -22,6 +22,8 @@ readings from all of them and from every second one.
 
 *Secondary peak force.* As far as velocities are uncertain, the next largest collision of a contact may be its largest.
 
+*Last step.* A contact that closes in the last step before a sample, see :func:`last_step_part`.
+
 *Undetected grazes*, *undecided crossings* and *unresolved contacts*: see :mod:`.grazes`.
 
 The share of random scenes in which the true error is within the uncertainty is measured in tests/bench/bench_bars.py.
@@ -64,7 +66,8 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None) -> U
     """
     step, roundoff, tables = time_step_part(family), roundoff_differences(family), table_part(family)
     reading, lost = reading_part(family)
-    total = _sum(step, roundoff_part(family, roundoff), summation_part(family, summed), tables, reading)
+    last = last_step_part(family)
+    total = _sum(step, roundoff_part(family, roundoff), summation_part(family, summed), tables, reading, last)
     total["peak_force"] = total["peak_force"] + secondary_peak_part(family, total["velocity"])
     total["crossing_time"] = np.where(family.readings.unresolved, math.inf, total["crossing_time"])
     if family.readings.moments is not None:
@@ -130,7 +133,10 @@ def time_step_part(family: TwinFamily) -> Part:
         "velocity": float(part["velocity"]),
         "displacement": float(part["displacement"]),
         "peak_force": at_least_the_median(part["peak_force"], size),
-        "crossing_time": at_least_the_median(part["crossing_time"], np.ones_like(size)),
+        # what never crosses has no error that could count among them
+        "crossing_time": at_least_the_median(
+            part["crossing_time"], np.isfinite(family.main.crossing_time).astype(np.float64)
+        ),
     }
 
 
@@ -165,6 +171,38 @@ def summation_part(family: TwinFamily, summed: float | None) -> Part:
         "velocity": steps * family.speed,
         "displacement": steps * float(np.max(np.abs(main.displacement))),
         "peak_force": _EPSILON * forces,
+        "crossing_time": 0.0,
+    }
+
+
+def last_step_part(family: TwinFamily) -> Part:
+    """Return what touches within the last step before a sample have moved, and no run of the family has.
+
+    A body drifts through such a step before it is kicked. Counted is twice the way of a force that has its final size
+    from the touch on, and the change of force at the end of the run by the ways and the kicks of both bodies.
+    """
+    scene, main, c = family.scene, family.main, family.scene.contacts
+    inverse_mass = np.append(1.0 / np.array(scene.mass), 0.0)
+    place, velocity = (np.column_stack([rows, np.zeros(len(rows))]) for rows in (main.displacement, main.velocity))
+    overlap = place[:, c.left] - place[:, c.right] - c.gap
+    rate = velocity[:, c.left] - velocity[:, c.right]
+    touched = (c.gap > 0.0) & (overlap > 0.0) & (overlap <= rate * family.plan.step)
+    since = np.divide(overlap, rate, out=np.zeros_like(rate), where=touched)
+    impulse = np.abs(main.contact_force) * since
+    moved = impulse * since * np.maximum(inverse_mass[c.left], inverse_mass[c.right])
+    slower = impulse[-1] * (inverse_mass[c.left] + inverse_mass[c.right])
+    which = np.arange(scene.n_contact)
+    end = np.maximum(overlap[-1], 0.0)
+    # so young an overlap is not much more than the last digits that both bodies have lost on their way
+    deeper = slower * since[-1] + 2.0 * summation_part(family, None)["displacement"]
+    with np.errstate(over="ignore", invalid="ignore"):  # a force beyond doubles is infinite
+        force = c.force(end + deeper, which) - c.force(end, which)
+        force = force + 2.0 * c.damping * end**c.damping_power * slower
+    return {
+        "velocity": 0.0,
+        # a body may be between two such contacts
+        "displacement": 2.0 * float(np.max(moved, initial=0.0)),
+        "peak_force": np.where(touched[-1], force, 0.0),
         "crossing_time": 0.0,
     }
 

@@ -145,7 +145,8 @@ def replica_uncertainty(run: Trajectory, replicas: Sequence[Trajectory], rule: R
         most = factor * np.max([each[name] for each in differences], axis=0)
         largest = duration if name == "crossing_time" else float(np.max(size, initial=0.0))
         if name == "peak_force":
-            most = at_least_the_median(most, size)
+            # below the last digits of the largest force nothing is known of others, nor of this code's errors
+            most = np.maximum(most, at_least_the_median(np.maximum(most - LEAST * largest, 0.0), size))
         elif name == "crossing_time":
             order = np.argsort(run.crossing_time, kind="stable")  # nan, never, comes last
             finite = np.where(np.isfinite(most), most, 0.0)
