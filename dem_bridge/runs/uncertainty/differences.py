@@ -30,10 +30,16 @@ def absolute_differences(run: Trajectory, other: Trajectory) -> dict[str, Any]:
 def at_least_the_median(values: Floats, scale: Floats) -> Floats:
     """Return differences per contact, none smaller, relative to its ``scale``, than the median of all.
 
-    Where the error changes its sign along the chain, two resolutions can agree by chance.
+    Where the error changes its sign along the chain, two resolutions can agree by chance. What has a scale of 0 is no
+    part of the median, and stays as it is.
 
     >>> at_least_the_median(np.array([0.0, 2.0, 3.0]), np.array([1.0, 1.0, 1.0])).tolist()
     [2.0, 2.0, 3.0]
+    >>> at_least_the_median(np.array([0.0, np.inf]), np.array([0.0, 1.0])).tolist()
+    [0.0, inf]
     """
-    relative = values[scale > 0.0] / scale[scale > 0.0]
-    return np.maximum(values, scale * float(np.median(relative))) if len(relative) else values
+    counts = scale > 0.0
+    result = values.copy()
+    if np.any(counts):
+        result[counts] = np.maximum(values[counts], scale[counts] * float(np.median(values[counts] / scale[counts])))
+    return result

@@ -71,8 +71,9 @@ SINGULAR_ENDS = 32.0
 #: part of a velocity that bodies have in common below which their relative velocity is unknown: a few of the default
 #: tolerances of scipy
 COMMON = 1e-13
-#: part of the duration above which the uncertainty of a crossing says that nothing is known of it
-UNSURE = 0.1
+#: parts of the duration and of the crossing itself above which the uncertainty of a crossing says that nothing is known
+#: of it. Ahead of a front each run may have a turn of its own: three of ode45 were 1e-9 to 1e-7 s after the start
+UNSURE, UNSURE_OF_ITSELF = 0.1, 1.0
 
 
 def looser_rule(scene: Scene) -> ReplicaRule:
@@ -154,7 +155,7 @@ def replica_uncertainty(run: Trajectory, replicas: Sequence[Trajectory], rule: R
         condition = rule.force_condition if name == "peak_force" else 1.0
         total[name] = most + LEAST * condition * largest
     # round-off can turn bodies that move alike: such a crossing is not there
-    unsure = total["crossing_time"] > UNSURE * duration
+    unsure = total["crossing_time"] > np.fmin(UNSURE * duration, UNSURE_OF_ITSELF * run.crossing_time)
     total["crossing_time"] = np.where(unsure | rule.unresolved, math.inf, total["crossing_time"])
     if rule.tolerances:
         relative = rule.tolerances * run.provenance["settings"]["rtol"]

@@ -156,6 +156,15 @@ def test_a_crossing_that_is_uncertain_by_a_tenth_of_the_run_is_unknown(share: fl
     assert np.isfinite(found[0])
 
 
+@pytest.mark.parametrize(("share", "known"), [(0.99, True), (1.01, False)])
+def test_a_crossing_that_is_uncertain_by_itself_is_unknown(share: float, known: bool) -> None:
+    # many-946: turns of ode45 ahead of the front at 112, 6 and 1 ns, in a contact that turns at 54.7 us
+    run = replace(free_flight(duration=2.0), crossing_time=np.array([0.5, 1e-6]))
+    other = replace(run, crossing_time=run.crossing_time + np.array([0.0, share * 1e-6 / 8.0]))
+    found = replica_uncertainty(run, [other], ODE45)["crossing_time"]
+    assert np.isfinite(found).tolist() == [True, known]
+
+
 def test_a_force_is_as_uncertain_as_its_overlap_times_the_power() -> None:
     scene = Scene(name="four", duration=1e-3, mass=(1.0,) * 4, stiffness=(1e9,) * 3, velocity=(1.0, 0.0, 0.0, 0.0),
                   exponent=(2.5, 50.0, 1.5))  # fmt: skip

@@ -400,7 +400,8 @@ def test_a_crossing_by_round_off_alone_has_no_finite_uncertainty(monkeypatch: py
     assert np.all(np.isinf(run.uncertainty["crossing_time"]))
     assert run.uncertainty["velocity"] < 1e-9 * 11815.0
     # two rules say so: the crossings scatter, and the velocities agree to the last digits
-    monkeypatch.setattr(replicas, "UNSURE", np.inf)
+    for limit in ("UNSURE", "UNSURE_OF_ITSELF"):
+        monkeypatch.setattr(replicas, limit, np.inf)
     assert np.all(np.isinf(db.solve(scene, backend="scipy").uncertainty["crossing_time"]))
     monkeypatch.setattr(replicas, "COMMON", 0.0)
     assert np.any(np.isfinite(db.solve(scene, backend="scipy").uncertainty["crossing_time"]))
