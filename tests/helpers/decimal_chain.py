@@ -27,6 +27,10 @@ from dem_bridge.trajectory.trajectory import Trajectory
 DIGITS, ORDER = 40, 40
 #: what the last coefficients may contribute to the powers of an overlap
 TOLERANCE = Decimal("1e-24")
+#: closing rates below this part of the fastest velocity are its last digits, and have no sign
+NOISE = Decimal("1e-34")
+#: part of the other forces on its bodies below which a force need not keep its digits
+UNFELT = Decimal("1e-100")
 #: part of a contact's duration that is leapt over at its start, and of its overlap at its end
 LEAP = Decimal("1e-23")
 #: pieces of a step that are searched for a change of sign, and halvings of the first where a series begins at 0
@@ -170,10 +174,12 @@ class Chain:
         self._leap(width * LEAP)
 
     def _leap(self, h: Decimal) -> None:
-        """Advance with constant accelerations."""
+        """Advance with constant accelerations, and open what parts within it."""
         a = self._accelerations()
         for j in range(self.k):
             self.s[j] += self._rate(j) * h + (a[self.left[j]] - a[self.right[j]]) * h * h / 2
+            if self.s[j] < 0:
+                self.state[j] = OPEN
         for i in range(self.n):
             self.x[i] += self.v[i] * h + a[i] * h * h / 2
             self.v[i] += a[i] * h
@@ -183,10 +189,12 @@ class Chain:
         """Advance by one step of the series, or to the first event in it."""
         v, x, s, u, powers, f = self._series()
         h = self.end - self.now
-        for series in powers:
-            for o in (ORDER - 1, ORDER):
-                if series[o]:
-                    h = min(h, _root_of_order(TOLERANCE * series[0] / abs(series[o]), o))
+        for j, each in powers.items():
+            tolerance = TOLERANCE * self._tolerated(j)
+            for series in each:
+                for o in (ORDER - 1, ORDER):
+                    if series[o]:
+                        h = min(h, _root_of_order(tolerance * series[0] / abs(series[o]), o))
         if self.drag:
             fastest = max(map(abs, self.v))
             for i in range(self.n):
@@ -207,6 +215,20 @@ class Chain:
         for j in range(self.k):
             self._fade(j)
 
+    def _tolerated(self, j: int) -> Decimal:
+        """Return how many times as inexact a force may be as one that is felt.
+
+        In a row of touching bodies the front is 1e-122 m deep three contacts ahead, where every step would be short.
+        """
+        own = self.stiffness[j] * _power(self.s[j], self.power[j])
+        bodies = {self.left[j], self.right[j]} - {self.n}
+        others = (
+            abs(self._force(i))
+            for i in range(self.k)
+            if i != j and self.state[i] == PRESSING and bodies & {self.left[i], self.right[i]}
+        )
+        return max(Decimal(1), UNFELT * max(others, default=ZERO) / own)
+
     def _fade(self, j: int) -> None:
         """Open a contact whose overlap is nothing and falls."""
         self.deepest[j] = max(self.deepest[j], self.s[j]) if self.state[j] != OPEN else ZERO
@@ -216,7 +238,9 @@ class Chain:
                 self._leap(wait)
                 self.s[j], self.state[j] = ZERO, OPEN
 
-    def _series(self) -> tuple[list[Series], list[Series], list[Series], list[Series], list[Series], list[Series]]:
+    def _series(
+        self,
+    ) -> tuple[list[Series], list[Series], list[Series], list[Series], dict[int, list[Series]], list[Series]]:
         """Return the series of velocities, displacements, overlaps, closing rates, powers of overlaps and forces."""
         v, x, s = ([[value] for value in values] for values in (self.v, self.x, self.s))
         u, f = ([list[Decimal]() for _ in range(self.k)] for _ in range(2))
@@ -242,7 +266,7 @@ class Chain:
                 v[i].append(g[i] / (o + 1) if i < self.n else ZERO)
             for j in range(self.k):
                 s[j].append(u[j][o] / (o + 1))
-        return v, x, s, u, [*elastic.values(), *(series for series in viscous.values() if series)], f
+        return v, x, s, u, {j: [each for each in (elastic[j], viscous[j]) if each] for j in live}, f
 
     def _events(self, j: int, h: Decimal, s: Series, f: Series) -> list[tuple[Decimal, str, int]]:
         """Return the first change of state of a contact within a step, of each kind."""
@@ -261,7 +285,8 @@ class Chain:
 
     def _observe(self, j: int, h: Decimal, s: Series, u: Series, f: Series) -> None:
         """Keep the largest force of a contact, its first maximal compression, and the turns while it is open."""
-        turns = [time for time, falls in changes(u, h) if falls]
+        rated = max(abs(u[0]), abs(_value(u, h))) > NOISE * max(map(abs, self.v))
+        turns = [time for time, falls in changes(u, h) if falls and rated]
         if self.state[j] == OPEN or not f:
             self.turns[j] += [_value(s, time) for time in turns]
             return
