@@ -103,17 +103,19 @@ def sampled_uncertainty(family: TwinFamily) -> dict[str, float]:
 def doubt_at_moments(family: TwinFamily) -> Doubt:
     """Return the uncertainty of overlaps and closing rates at the undecided moments.
 
-    Differences to the runs at other steps are those of the same contact at the same time; two bodies round.
+    Differences to the runs at other steps are those of the same contact at the same time; two bodies round, and lose
+    the last digit of every step.
     """
     moments, factor, elsewhere = family.readings.moments, step_safety(family), family.readings.elsewhere
     assert moments is not None
-    roundoff, tables = roundoff_differences(family), table_part(family)
+    roundoff, tables = roundoff_part(family, roundoff_differences(family)), table_part(family)
+    summation = summation_part(family, None)
     parts = []
     for nth, (name, here) in enumerate((("displacement", moments.overlap), ("velocity", moments.rate))):
         there = {ratio: values[nth] for ratio, values in elsewhere.items()}
         step = np.max([factor[ratio] * np.abs(value - here) for ratio, value in there.items()], axis=0)
         step = step + family.scatter * np.ptp(list(there.values()), axis=0)
-        parts.append(step + 2.0 * (REALISATIONS * float(roundoff[name]) + float(tables[name])))
+        parts.append(step + 2.0 * float(roundoff[name] + tables[name] + summation[name]))
     return Doubt(parts[0] + moments.lost, parts[1])
 
 

@@ -405,3 +405,12 @@ def test_a_crossing_by_round_off_alone_has_no_finite_uncertainty(monkeypatch: py
     assert np.all(np.isinf(db.solve(scene, backend="scipy").uncertainty["crossing_time"]))
     monkeypatch.setattr(replicas, "COMMON", 0.0)
     assert np.any(np.isfinite(db.solve(scene, backend="scipy").uncertainty["crossing_time"]))
+
+
+def test_an_overlap_is_as_uncertain_as_the_last_digits_of_all_steps() -> None:
+    at_rest = {2.0: there(0.0), 1.0 / 3.0: there(0.0)}
+    doubt = fixed_step.doubt_at_moments(family(moments=moment(0, 0.5, bend=1.0), elsewhere=at_rest))
+    # two bodies, 400 steps, the last digit of 3 m and 3 m/s: a random walk, three times, and half a unit of each step
+    expected = 2.0 * (3.0 * math.sqrt(400.0) + 0.5 * 400.0) * 2.0**-52 * 3.0
+    assert doubt.overlap == pytest.approx([expected], rel=1e-9)
+    assert doubt.rate == pytest.approx([expected], rel=1e-9)
