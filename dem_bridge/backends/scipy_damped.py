@@ -131,7 +131,7 @@ class DampedIntegration(Integration):
             turning, overlap = step.turning_time(contact, solver.t_old, solver.t), step.component(contact)
             top = overlap(turning)
             if top <= self.touch[contact]:
-                self._note_turn(contact, top)
+                self._note_turn(contact, turning, step, state)
             elif solver.y_old[contact] < 0.0:
                 events.append((root_of(overlap, solver.t_old, turning), contact))
         return events

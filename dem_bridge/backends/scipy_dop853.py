@@ -58,7 +58,7 @@ class ScipyDop853(AlwaysAvailable):
             **{name: getattr(integration, name) for name in VOCABULARY},
             cost=Cost.since(watch, steps=integration.steps, force_evaluations=integration.evaluations),
             provenance=run_provenance(self, scene, {"rtol": rtol, "samples": sampling.count})
-            | {"restarts": integration.restarts, "first_turns": integration.turns_near_touch()}
+            | {"restarts": integration.restarts, "near_touches": integration.near_touches}
             | {"slowing": integration.slowing_at_crossing},
         )
         return in_rest_frame(run, velocity, scene.drag)

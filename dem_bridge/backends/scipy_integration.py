@@ -16,7 +16,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +42,29 @@ REST_SHARE = 1e-2
 NEARLY_WHOLE, SHORT = 0.01, 1e-3
 #: part of the unfelt overlap that is round-off of a located event
 LATE = 1e-3
-#: part of the overlap that the energy allows, below which a run states the overlap at a contact's first turn
+#: part of the overlap that the energy allows, and of the largest speed, below which a run states a near touch, or a
+#: closing rate that may fall to zero just after the end
 NEAR_TOUCH = 1e-6
 #: fractions of a step that begins with a closing rate of exactly 0 at which its sign is evaluated: it may turn at once
 PROBES = 2.0 ** np.arange(-20, 1)
+
+
+class NearTouch(TypedDict):
+    """A moment at which a contact is near touch, or near its first maximum at the end, so that errors may decide it."""
+
+    contact: int
+    time: float
+    """s."""
+    last: bool
+    """The moment is the end of the run; else the contact turns back there."""
+    felt: bool
+    """The run has a force of this touch."""
+    overlap: float
+    """m."""
+    rate: float
+    """Closing rate, m/s; 0 at a turn."""
+    bend: float
+    """Acceleration of opening, m/s^2."""
 
 
 class Step:
@@ -156,7 +175,9 @@ class Integration:
         self.displacement, self.velocity = np.zeros((rows, n)), np.zeros((rows, n))
         self.contact_force = np.zeros((rows, k))
         self.peak_force, self.crossing_time = np.zeros(k), np.full(k, np.nan)
-        self.first_turns: dict[int, float] = {}
+        self.near, self.slow = NEAR_TOUCH * depth, NEAR_TOUCH * speed
+        self.near_touches: list[NearTouch] = []
+        self.lowest = -c.gap  # the smallest overlap of each contact so far, m
         #: how fast the closing rate of a contact falls at its first crossing, m/s^2; the keys are their numbers
         self.slowing_at_crossing: dict[str, float] = {}
         self.drive = None if scene.drive is None else scene.drive.function()
@@ -187,10 +208,13 @@ class Integration:
                         " backend='verlet'"
                     )
                 self.steps += 1
+                np.minimum(self.lowest, solver.y[: self.k], out=self.lowest)
                 step = Step(solver, self.contacts)
                 self._examine(solver, begin, state)
                 event = self._first_event(solver, step, state)
                 until = solver.t if event is None else event[0]
+                while self.near_touches and self.near_touches[-1]["time"] > until:
+                    self.near_touches.pop()  # without what happens before it
                 upto = int(np.searchsorted(self.times, until, side="right")) if until < end else len(self.times)
                 if upto > sample:
                     samples = np.arange(sample, upto)
@@ -205,6 +229,7 @@ class Integration:
                 y = self._step_to(at, step)
                 self._switch(contact, y, state)
                 self.restarts += 1
+        self._note_end(end, y, state)
 
     def _start(self, y: Floats) -> NDArray[Any]:
         """Return the state of the contacts at the start."""
@@ -300,7 +325,7 @@ class Integration:
                 turning = step.turning_time(contact, low, high)
                 extreme = side * overlap(turning)
                 if state[contact] == OPEN and extreme >= -touch:
-                    self._note_turn(contact, -extreme)
+                    self._note_turn(contact, turning, step, state)
                 if ends >= -touch:
                     high, ends = turning, extreme
                 elif begins <= 0.0 and extreme > touch:
@@ -349,7 +374,7 @@ class Integration:
                 continue
             y = step.dense(when)
             if math.isnan(self.crossing_time[contact]):
-                self._note_turn(contact, float(y[contact]))
+                self._note_turn(contact, when, step, state)
             if y[contact] <= self.touch[contact]:
                 continue
             if not self._is_pushed(contact, when, y, state):
@@ -367,22 +392,31 @@ class Integration:
                 self.slowing_at_crossing[str(contact)] = slowing
                 self.crossing_time[contact] = min(max(when + late, solver.t_old), solver.t)
 
-    def _note_turn(self, contact: int, overlap: float) -> None:
-        """Keep the overlap of a turn of a contact up to its first crossing, of several turns that nearest to touch.
+    def _note_turn(self, contact: int, when: float, step: Step, state: NDArray[Any]) -> None:
+        """Keep a turn of a contact near touch.
 
         Bodies that begin in touch move by round-off before they are pushed, which is no graze.
         """
-        if self.gap[contact] <= self.touch[contact]:
-            return
-        self.first_turns[contact] = min(overlap, self.first_turns.get(contact, math.inf), key=abs)
+        y = step.dense(when)
+        overlap, felt = float(y[contact]), bool(state[contact] != OPEN)
+        if self.lowest[contact] < -self.touch[contact] and abs(overlap) <= self.near[contact]:
+            bend = self._slowing(contact, when, y, state)
+            self.near_touches.append(
+                NearTouch(contact=contact, time=when, last=False, felt=felt, overlap=overlap, rate=0.0, bend=bend)
+            )
 
-    def turns_near_touch(self) -> dict[str, float]:
-        """Return the overlap, m, at the first turn of each contact where it is a small part of what the energy allows.
-
-        The keys are the numbers of the contacts.
-        """
-        near = NEAR_TOUCH * natural_scales(self.scene)[1]
-        return {str(contact): top for contact, top in self.first_turns.items() if abs(top) <= near[contact]}
+    def _note_end(self, end: float, y: Floats, state: NDArray[Any]) -> None:
+        """Keep which contacts approach near touch, or near their first maximum of compression, at the end."""
+        rates = self._closing(y)
+        been_open = self.lowest < -self.touch
+        near = (rates >= 0.0) & (np.abs(y[: self.k]) <= self.near) & been_open
+        slow = (rates > 0.0) & (rates <= self.slow) & (state != OPEN) & np.isnan(self.crossing_time)
+        for contact in np.flatnonzero(near | slow).tolist():
+            bend = self._slowing(contact, end, y, state)
+            overlap, rate, felt = float(y[contact]), float(rates[contact]), bool(state[contact] != OPEN)
+            self.near_touches.append(
+                NearTouch(contact=contact, time=end, last=True, felt=felt, overlap=overlap, rate=rate, bend=bend)
+            )
 
     def _is_pushed(self, contact: int, when: float, y: Floats, state: NDArray[Any]) -> bool:
         """Return whether more than round-off ends the compression of a contact."""

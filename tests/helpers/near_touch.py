@@ -1,7 +1,8 @@
-"""Draw chains whose bodies start at tiny gaps or overlaps, graze a wall, or stick to each other."""
+"""Draw chains whose bodies start at tiny gaps or overlaps, graze a wall, touch at the end, or stick to each other."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -77,10 +78,82 @@ def graze(seed: int, *, damped: bool = False) -> Scene | None:
         damping=_damping(rng, float(np.min(mass)), depth / speed, clip=bool(rng.integers(2))) if damped else None,
         samples=3,
     )
-    far = largest_overlap(scene, n - 1)
+    return _beyond_the_wall(scene, rng.choice([1, 1, 1, -1]) * 10.0 ** rng.uniform(-20, -12))
+
+
+def arrival(seed: int) -> Scene:
+    """Return damped bodies, under drag or not, that touch 1e-18 to 1e-12 of the duration before the end, or after."""
+    scene, speed, depth = _soft([7, 11, seed])
+    rng = np.random.default_rng([7, 12, seed])
+    duration = depth / speed * 10.0 ** rng.uniform(-1, 1.5)
+    drag = float(10.0 ** rng.uniform(-1, 1) / duration) if rng.uniform() < 0.5 else 0.0
+    way = -speed * math.expm1(-drag * duration) / drag if drag else speed * duration
+    gap, n = float(way * (1.0 - rng.choice([1, 1, 1, -1]) * 10.0 ** rng.uniform(-18, -12))), scene.n_body
+    assert scene.wall_right is not None
+    assert scene.damping is not None
+    alone = n == 1
+    return replace(
+        scene,
+        name=f"arrival-{seed}",
+        duration=duration,
+        drag=drag,
+        velocity=(speed, *np.zeros(n - 1)),
+        gap=() if alone else (gap, *scene.contacts.gap[1 : n - 1].tolist()),
+        wall_right=replace(scene.wall_right, gap=gap) if alone else None,
+        damping=replace(scene.damping, coefficient=np.asarray(scene.damping.coefficient).item(0)),
+        samples=int(rng.choice([1, 3, 20])),
+    )
+
+
+def soft_graze(seed: int) -> Scene | None:
+    """Return damped bodies, n from 1.2 to 2.5, of which the last turns 1e-22 to 1e-12 m beyond a wall, or before it.
+
+    None: it does not turn.
+    """
+    scene, speed, depth = _soft([7, 13, seed])
+    rng = np.random.default_rng([7, 14, seed])
+    duration = depth / speed * 10.0 ** rng.uniform(0, 1.3)
+    velocity = speed * rng.uniform(0.2, 1, scene.n_body)
+    velocity[0] = speed
+    scene = replace(
+        scene,
+        name=f"soft-graze-{seed}",
+        duration=duration,
+        velocity=tuple(velocity),
+        gravity=-speed / duration * rng.uniform(1.0, 4.0),
+        drag=float(10.0 ** rng.uniform(-1.5, 0.5) / duration) if rng.uniform() < 0.4 else 0.0,
+        samples=3,
+    )
+    return _beyond_the_wall(scene, rng.choice([1, 1, 1, -1]) * 10.0 ** rng.uniform(-22, -12))
+
+
+def _soft(seed: list[int]) -> tuple[Scene, float, float]:
+    """Return 1 to 3 damped bodies before a wall, the speed (m/s) and the overlap (m) of their impacts."""
+    rng = np.random.default_rng(seed)
+    n, law, exponent = int(rng.integers(1, 4)), LAWS[seed[-1] % len(LAWS)], float(rng.uniform(1.2, 2.5))
+    # below n = 2 the force of the other laws is infinite at touch
+    exponent = exponent if law in ("dashpot", "mass_velocity") else float(rng.choice([2.0, 2.5, rng.uniform(2.0, 2.5)]))
+    mass, speed, depth = 10.0 ** rng.uniform(-3, -1, n), 10.0 ** rng.uniform(-2, 1), 10.0 ** rng.uniform(-7, -5)
+    stiffness = 0.5 * exponent * float(np.median(mass)) * speed**2 / depth**exponent
+    scene = Scene(
+        name="soft",
+        duration=1.0,
+        mass=tuple(mass),
+        velocity=(speed, *np.zeros(n - 1)),
+        stiffness=(stiffness,) * (n - 1),
+        exponent=exponent,
+        gap=(0.3 * depth,) * (n - 1),
+        wall_right=Wall(stiffness=stiffness, gap=1.0, exponent=exponent),
+        damping=_damping(rng, float(np.min(mass)), depth / speed, clip=bool(rng.integers(2)), law=law),
+    )
+    return scene, speed, depth
+
+
+def _beyond_the_wall(scene: Scene, beyond: float) -> Scene | None:
+    """Return the scene with its wall where the last body turns ``beyond`` m behind it; None: it does not turn."""
+    far = largest_overlap(scene, scene.n_contact - 1)
     if far is None or far <= -1:
         return None
-    beyond = rng.choice([1, 1, 1, -1]) * 10.0 ** rng.uniform(-20, -12)
     assert scene.wall_right is not None
     return replace(scene, wall_right=replace(scene.wall_right, gap=float(1 + far - type(far)(beyond))))
 
@@ -110,8 +183,8 @@ def sticky(seed: int) -> Scene:
     )
 
 
-def _damping(rng: np.random.Generator, mass: float, period: float, *, clip: bool) -> Damping:
-    """Return damping that is weak to over-critical at this period."""
-    law, part = LAWS[max(int(rng.integers(-2, len(LAWS))), 0)], 10.0 ** rng.uniform(-2.5, 1.0)
+def _damping(rng: np.random.Generator, mass: float, period: float, *, clip: bool, law: str = "") -> Damping:
+    """Return damping that is weak to over-critical at this period, by any law unless one is given."""
+    law, part = law or LAWS[max(int(rng.integers(-2, len(LAWS))), 0)], 10.0 ** rng.uniform(-2.5, 1.0)
     coefficient = {"dashpot": part * mass / period, "mass_velocity": part / period, "kuwabara-kono": part * period}
     return Damping(law=law, coefficient=coefficient.get(law, float(rng.uniform(0.05, 0.99))), clip=clip)

@@ -26,10 +26,7 @@ def common_velocity(scene: Scene, run: Trajectory) -> Floats:
 def widen_for_common_velocities(uncertainty: Uncertainty, scene: Scene, run: Trajectory) -> Uncertainty:
     """Return an uncertainty of crossings and peaks that covers the round-off of closing rates.
 
-    A closing rate is a difference of velocities, and has lost the last 16 units of that which they have in common. A
-    crossing is a zero of the closing rate, which falls by ``slowing``: it is uncertain by the quotient. A force is
-    uncertain by the product with the impedance of its contact, ``sqrt(tangent stiffness * reduced mass)``: that is what
-    an oscillator makes of an initial velocity.
+    A closing rate is a difference of velocities, and has lost the last 16 units of that which they have in common.
 
     Parameters
     ----------
@@ -39,16 +36,27 @@ def widen_for_common_velocities(uncertainty: Uncertainty, scene: Scene, run: Tra
     run : Trajectory
         A run by scipy, with ``slowing`` in its provenance.
     """
-    c, rounded = scene.contacts, LEAST * common_velocity(scene, run)
-    if not np.any(rounded > 0.0) or scene.law is not None:
+    return widen_for_closing_rates(uncertainty, scene, run, LEAST * common_velocity(scene, run))
+
+
+def widen_for_closing_rates(uncertainty: Uncertainty, scene: Scene, run: Trajectory, error: Floats) -> Uncertainty:
+    """Return an uncertainty of crossings and peaks that covers errors of closing rates, m/s, ``(n_contact,)``.
+
+    A crossing is a zero of the closing rate, which falls by ``slowing``: it is uncertain by the quotient. A force is
+    uncertain by the product with the impedance of its contact, ``sqrt(tangent stiffness * reduced mass)``, which is
+    what an oscillator makes of an initial velocity, and with its damping. ``run`` is as above.
+    """
+    c = scene.contacts
+    if not np.any(error > 0.0) or scene.law is not None:
         return uncertainty
     mobility = np.append(1.0 / np.array(scene.mass), 0.0)
     both, peak = mobility[c.left] + mobility[c.right], run.peak_force
     overlap = (peak / c.stiffness) ** (1.0 / (c.exponent - 1.0))
     tangent = np.divide((c.exponent - 1.0) * peak, overlap, out=np.zeros_like(peak), where=overlap > 0.0)
-    force = np.maximum(uncertainty.peak_force, rounded * np.sqrt(tangent / both))
+    impedance = np.sqrt(tangent / both) + np.where(peak > 0.0, c.damping * overlap**c.damping_power, 0.0)
+    force = np.maximum(uncertainty.peak_force, error * impedance)
     crossing = np.array(np.broadcast_to(uncertainty.crossing_time, peak.shape))
     for key, slowing in run.provenance["slowing"].items():
         k = int(key)
-        crossing[k] = max(crossing[k], rounded[k] / slowing) if slowing > 0.0 else crossing[k]
+        crossing[k] = max(crossing[k], error[k] / slowing) if slowing > 0.0 else crossing[k]
     return replace(uncertainty, peak_force=force, crossing_time=crossing)

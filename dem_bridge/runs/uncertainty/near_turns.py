@@ -1,16 +1,24 @@
-"""First turns of contacts that are so near to touch that adaptive runs cannot tell a graze from a miss."""
+"""Contacts of adaptive runs that come so near to touch that no run can tell a graze from a miss."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dem_bridge.backends.scales import unfelt_overlap
+from dem_bridge.runs.uncertainty.common_velocities import widen_for_closing_rates
+from dem_bridge.runs.uncertainty.grazes import Doubt, widen_for_moments
+from dem_bridge.runs.uncertainty.moments import Moments
+from dem_bridge.runs.uncertainty.replicas import force_condition
 from dem_bridge.scene.scene import Scene
-from dem_bridge.trajectory.trajectory import Trajectory, Uncertainty
+from dem_bridge.trajectory.trajectory import QUANTITIES, Floats, Trajectory, Uncertainty
+
+if TYPE_CHECKING:
+    from dem_bridge.backends.scipy_integration import NearTouch
 
 #: factor of the largest difference to the further runs, as for samples
 SAFETY = 3.0
@@ -21,8 +29,10 @@ def widen_for_near_turns(
 ) -> Uncertainty:
     """Return an uncertainty that covers touches which all runs may miss alike, or see where there is none.
 
-    The overlap at a turn is known to the overlap below which no contact is seen, and to its differences to the further
-    runs. Where it may have either sign, the first crossing is unknown, and a peak force up to that of the overlap.
+    An overlap is known to that below which no contact is seen, to the displacements of two bodies, and to its
+    differences to the further runs. Where it may have either sign, the first crossing is unknown, and the peak force,
+    elastic and damping, is up to that of the deepest touch. Of a touch that is certain, the peak force is as uncertain
+    as its overlap by the round-off of the gap.
 
     Parameters
     ----------
@@ -30,23 +40,92 @@ def widen_for_near_turns(
         Uncertainty of ``run`` without such touches.
     scene : Scene
     run : Trajectory
-        The run, with ``first_turns`` in its provenance.
+        The run, with ``near_touches`` in its provenance.
     others : sequence of Trajectory
         Further runs of the same code.
     """
-    turns = run.provenance.get("first_turns", {})
-    if not turns:
-        return uncertainty
-    c, unfelt = scene.contacts, unfelt_overlap(scene)
-    crossing = np.array(np.broadcast_to(uncertainty.crossing_time, c.left.shape))
-    peak = np.array(np.broadcast_to(uncertainty.peak_force, c.left.shape))
-    for key, overlap in turns.items():
-        k = np.array([int(key)])
-        apart = [abs(overlap - other.provenance["first_turns"].get(key, math.inf)) for other in others]
+    touches: list[NearTouch] = run.provenance.get("near_touches", [])
+    if touches:
+        uncertainty = _widened(uncertainty, scene, run, others, touches)
+    # a crossing that may be after the end of the run may be none
+    late = run.crossing_time + uncertainty.crossing_time > run.time[-1]
+    return replace(uncertainty, crossing_time=np.where(late, math.inf, uncertainty.crossing_time))
+
+
+def _widened(
+    uncertainty: Uncertainty, scene: Scene, run: Trajectory, others: Sequence[Trajectory], touches: list[NearTouch]
+) -> Uncertainty:
+    rounded = 0.5 * run.cost.steps * float(np.finfo(float).eps) * np.abs(scene.contacts.gap)
+    overlap = np.array([_overlap_doubt(each, uncertainty, scene, others, rounded) for each in touches])
+    moments = _moments(scene, run, touches, overlap)
+    doubt = Doubt(overlap, np.full(len(touches), 2.0 * float(uncertainty.velocity)))
+    widened = widen_for_moments(uncertainty, scene, run, moments, doubt)
+    felt = np.flatnonzero(moments.felt & moments.touches)
+    at = moments.contact[felt]
+    np.maximum.at(widened["peak_force"], at, _of_felt_peaks(scene, run, moments, overlap, rounded)[felt])
+    # what touches do to velocities goes on to the contacts that are later
+    kick = 2.0 * (widened["velocity"] - float(uncertainty.velocity))
+    found = replace(uncertainty, **{name: widened[name] for name in QUANTITIES})
+    return widen_for_closing_rates(found, scene, run, np.full(scene.n_contact, kick))
+
+
+def _of_felt_peaks(scene: Scene, run: Trajectory, moments: Moments, doubt: Floats, rounded: Floats) -> Floats:
+    """Return the uncertainty of the peak force (N) by each moment at which the run has a force, ``(n_moment,)``.
+
+    If its overlap is within ``doubt`` (m) of 0, there may be no touch, and the peak may be of it unless it is far above
+    its largest force. If not, the peak is as uncertain as an overlap that is ``rounded`` (m, of each contact).
+    """
+    c, at = scene.contacts, moments.contact
+    deepest = np.maximum(moments.overlap + doubt, 0.0)
+    speed = np.sqrt(moments.rate**2 + 2.0 * np.maximum(moments.bend, 0.0) * deepest)
+    largest = c.force(deepest, at) + c.damping[at] * deepest ** c.damping_power[at] * speed
+    share = np.where(run.peak_force[at] <= 2.0 * largest, 1.0, 0.0)
+    certain = moments.overlap > doubt
+    digits = force_condition(scene)[at] * rounded[at] / np.where(certain, moments.overlap, 1.0)
+    return np.asarray(np.where(certain, digits, share) * run.peak_force[at])
+
+
+def _overlap_doubt(
+    touch: NearTouch, uncertainty: Uncertainty, scene: Scene, others: Sequence[Trajectory], rounded: Floats
+) -> float:
+    """Return the uncertainty of the overlap at a near touch, m; ``rounded`` is what each contact's gap rounds."""
+    k, known, apart = touch["contact"], 2.0 * float(uncertainty.displacement), 0.0
+    for other in others:
+        same = [
+            abs(each["overlap"] - touch["overlap"])
+            for each in other.provenance["near_touches"]
+            if (each["contact"], each["last"]) == (k, touch["last"])
+        ]
         # a run that has no such turn is as far away as displacements are uncertain
-        apart = [min(value, 2.0 * float(uncertainty.displacement)) for value in apart]
-        doubt = float(unfelt[k[0]]) + SAFETY * max(apart, default=0.0)
-        if abs(overlap) <= doubt:
-            crossing[k] = math.inf
-            peak[k] = np.maximum(peak[k], c.force(np.array([max(overlap, 0.0) + doubt]), k))
-    return replace(uncertainty, crossing_time=crossing, peak_force=peak)
+        apart = max(apart, min([*same, known]))
+    doubt = SAFETY * apart + float(rounded[k])
+    # a force that the run has is seen by the further runs, too; of one that it has not only displacements tell
+    return float(unfelt_overlap(scene)[k]) + (doubt if touch["felt"] else max(doubt, known))
+
+
+def _moments(scene: Scene, run: Trajectory, touches: Sequence[NearTouch], doubt: Floats) -> Moments:
+    """Return near touches of scipy as moments, with the speed and the time since they came within ``doubt`` (m)."""
+    table = {name: np.array([dict(each)[name] for each in touches]) for name in touches[0]}
+    last, overlap, rate, bend = (table[name] for name in ("last", "overlap", "rate", "bend"))
+    deepest = np.maximum(overlap + doubt, 0.0)
+    speed = np.sqrt(rate**2 + 2.0 * np.maximum(bend, 0.0) * deepest)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lasting = np.fmin(np.where(last, 2.0 * deepest / rate, np.sqrt(8.0 * deepest / bend)), scene.duration)
+    # the time of a first crossing has been made exact since
+    felt, crossing = table["felt"], run.crossing_time[table["contact"]]
+    slow = last & (bend > 0.0) & felt
+    return Moments(
+        contact=table["contact"],
+        time=np.where(felt, np.fmin(table["time"], crossing), table["time"]),
+        last=last,
+        overlap=overlap,
+        lost=np.zeros(len(touches)),
+        rate=rate,
+        bend=bend,
+        touches=np.ones(len(touches), dtype=bool),
+        felt=felt,
+        stops=slow,
+        speed=np.where(last, speed, math.inf),
+        lasting=lasting,
+        fastest=np.full(len(touches), math.inf),
+    )

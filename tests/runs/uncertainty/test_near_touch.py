@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,11 +11,12 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends import scipy_integration
+from dem_bridge.errors import RunBroken
 from dem_bridge.runs.uncertainty import near_turns
 from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.decimal_chain import solve_exactly
 from tests.helpers.exact_collision import collision
-from tests.helpers.near_touch import graze, sticky, tiny_gaps
+from tests.helpers.near_touch import arrival, graze, soft_graze, sticky, tiny_gaps
 
 
 def _damped_graze(seed: int) -> Scene | None:
@@ -23,15 +24,17 @@ def _damped_graze(seed: int) -> Scene | None:
 
 
 #: kind of scene -> its function, the codes that solve it, and a few seeds
-KINDS: dict[str, tuple[Callable[[int], Scene | None], tuple[str, ...], range]] = {
+KINDS: dict[str, tuple[Callable[[int], Scene | None], tuple[str, ...], Sequence[int]]] = {
     "tiny gaps": (tiny_gaps, ("reference", "scipy"), range(6)),
     "grazes": (graze, ("reference", "scipy"), range(4)),
-    "damped grazes": (_damped_graze, ("scipy",), range(4)),
+    "damped grazes": (_damped_graze, ("scipy",), (*range(4), 27, 30, 41)),
+    "soft damped grazes": (soft_graze, ("scipy",), (0, 1)),
+    "damped arrivals at the end": (arrival, ("scipy",), range(10)),
     "sticking contacts": (sticky, ("scipy",), range(2)),
 }
 
 
-def _outside(kind: str, seeds: range) -> dict[tuple[int, str], dict[str, float]]:
+def _outside(kind: str, seeds: Sequence[int]) -> dict[tuple[int, str], dict[str, float]]:
     """Return the quantities outside of their uncertainty, by seed and code."""
     draw, codes, _ = KINDS[kind]
     outside = {}
@@ -40,7 +43,13 @@ def _outside(kind: str, seeds: range) -> dict[tuple[int, str], dict[str, float]]
             continue
         truth = solve_exactly(scene)
         for code in codes:
-            ratios = truth.ratios(db.solve(scene, backend=code))
+            try:
+                run = db.solve(scene, backend=code)
+            except RunBroken as broken:  # below n = 2 contacts that are not clipped may do so
+                if "chatters" not in str(broken):
+                    raise
+                continue
+            ratios = truth.ratios(run)
             outside[seed, code] = {name: ratio for name, ratio in ratios.items() if ratio > 1.0}
     assert outside
     return {key: ratios for key, ratios in outside.items() if ratios}
@@ -55,6 +64,16 @@ def test_uncertainties_hold_near_touch(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_uncertainties_hold_near_touch_on_many(kind: str) -> None:
     assert _outside(kind, range(6, 90)) == {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "seeds"), [("damped grazes", [27, 30, 41]), ("damped arrivals at the end", range(10))]
+)
+def test_a_touch_that_no_run_sees_would_be_none(
+    kind: str, seeds: Sequence[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(near_turns, "widen_for_near_turns", lambda total, *_: total)
+    assert "peak_force" in {name for ratios in _outside(kind, seeds).values() for name in ratios}
 
 
 @pytest.mark.parametrize("exponent", [1.5, 2.0, 2.5, 3.0, 5.0])
