@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.runs.uncertainty.family import DenseReadings, TwinFamily
-from dem_bridge.runs.uncertainty.moments import Moments
+from dem_bridge.runs.uncertainty.moments import Moments, Reached
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.trajectory.trajectory import Trajectory
@@ -23,6 +23,8 @@ SCENE = Scene(
 OWN = free_flight()
 #: few steps, so that sums and last digits are far below all else
 PLAN = Schedule(step=2.5e-3, per_sample=100, subdivisions=10, samples=4)
+#: both contacts are open, 1 m apart, and at rest
+FAR = Reached(*(np.full(2, value) for value in (-1.0, 0.0, -1.0, 0.0)))
 
 
 def changed(run: Trajectory = OWN, **differences: Any) -> Trajectory:
@@ -49,7 +51,7 @@ def moment(contact: int, time: float, *, overlap: float = 0.0, rate: float = 0.0
         "lasting": time,
         "fastest": 2.0,
     }
-    kinds = {"last": False, "touches": True, "felt": False, "stops": False}
+    kinds = {"last": False, "touches": True, "felt": False, "stops": False, "fresh": False}
     values = {"contact": contact, "time": time, **numbers, **kinds} | parts
     return Moments(**{name: np.array([value]) for name, value in values.items()})
 
@@ -84,6 +86,8 @@ def family(
             thinned=thinned or same,
             secondary_peak_force=np.array(secondary),
             unresolved=np.array(unresolved),
+            drift=np.zeros(2),
+            reached=FAR,
             moments=moments,
             elsewhere=elsewhere or {},
         ),

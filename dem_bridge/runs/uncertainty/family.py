@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.runs.uncertainty.moments import Moments
+from dem_bridge.runs.uncertainty.moments import Moments, Reached
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.trajectory.trajectory import FREE, Cost, Floats, Trajectory
@@ -23,7 +23,11 @@ class DenseReadings:
     secondary_peak_force: Floats
     """Largest force of each contact outside the collision that has its largest, N."""
     unresolved: NDArray[np.bool_]
-    """Contacts whose first compression is briefer than the step."""
+    """Contacts whose first compression is briefer than the step, or is one of round-off."""
+    drift: Floats
+    """Overlap, m, that round-off may give to each contact whose bodies fly in touch; 0 for all others."""
+    reached: Reached
+    """How far each contact was closed, at most and at the end."""
     moments: Moments | None = None
     """Moments that errors of the size of the uncertainty could decide otherwise; None: there are none."""
     elsewhere: Mapping[float, tuple[Floats, Floats]] = field(default_factory=dict)

@@ -24,6 +24,8 @@ readings from all of them and from every second one.
 
 *Last step.* A contact that closes in the last step before a sample, see :func:`last_step_part`.
 
+*Early touches*: see :mod:`.early_touches`.
+
 *Undetected grazes*, *undecided crossings* and *unresolved contacts*: see :mod:`.grazes`.
 
 The share of random scenes in which the true error is within the uncertainty is measured in tests/bench/bench_bars.py.
@@ -37,6 +39,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.runs.uncertainty.differences import absolute_differences, at_least_the_median
+from dem_bridge.runs.uncertainty.early_touches import early_touch_part
 from dem_bridge.runs.uncertainty.family import TwinFamily
 from dem_bridge.runs.uncertainty.grazes import Doubt, widen_for_moments
 from dem_bridge.trajectory.dense import CROSSING_ERROR, PEAK_ERROR, Schedule
@@ -66,13 +69,14 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None) -> U
     """
     step, roundoff, tables = time_step_part(family), roundoff_differences(family), table_part(family)
     reading, lost = reading_part(family)
-    last = last_step_part(family)
-    total = _sum(step, roundoff_part(family, roundoff), summation_part(family, summed), tables, reading, last)
-    total["peak_force"] = total["peak_force"] + secondary_peak_part(family, total["velocity"])
+    total = _sum(step, roundoff_part(family, roundoff), summation_part(family, summed), tables, reading)
+    total = _sum(total, last_step_part(family), early_touch_part(family))
+    drifted = family.scene.contacts.force(family.readings.drift, np.arange(family.scene.n_contact))
+    total["peak_force"] = total["peak_force"] + secondary_peak_part(family, total["velocity"]) + drifted
     total["crossing_time"] = np.where(family.readings.unresolved, math.inf, total["crossing_time"])
     if family.readings.moments is not None:
         doubt = doubt_at_moments(family)
-        total = widen_for_moments(total, family.scene, family.main, family.readings.moments, doubt)
+        total = widen_for_moments(total, family.scene, family.main, family.readings, doubt)
     # a crossing that may be after the end of the run may be none
     late = family.main.crossing_time + total["crossing_time"] > family.main.time[-1]
     total["crossing_time"] = np.where(late, math.inf, total["crossing_time"])
@@ -96,7 +100,8 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None) -> U
 def sampled_uncertainty(family: TwinFamily) -> dict[str, float]:
     """Return the uncertainty of velocities and displacements without that of single contacts."""
     roundoff = roundoff_part(family, roundoff_differences(family))
-    total = _sum(time_step_part(family), roundoff, summation_part(family, None), table_part(family))
+    step = _sum(time_step_part(family), early_touch_part(family))
+    total = _sum(step, roundoff, summation_part(family, None), table_part(family))
     return {name: float(total[name]) for name in SAMPLED}
 
 
@@ -168,7 +173,7 @@ def summation_part(family: TwinFamily, summed: float | None) -> Part:
     steps, main = 0.5 * family.plan.steps * _EPSILON, family.main
     # a contact without force shows the last digit of the largest force and, in running sums, of all other forces
     largest = float(np.max(main.peak_force, initial=0.0))
-    forces = largest if summed is None else 4.0 * largest + summed
+    forces = largest if summed is None else 4.0 * (largest + largest_drag(family)) + summed
     return {
         "velocity": steps * family.speed,
         "displacement": steps * float(np.max(np.abs(main.displacement))),
@@ -207,6 +212,15 @@ def last_step_part(family: TwinFamily) -> Part:
         "peak_force": np.where(touched[-1], force, 0.0),
         "crossing_time": 0.0,
     }
+
+
+def largest_drag(family: TwinFamily) -> float:
+    """Return a bound of the sum of all forces of drag, N.
+
+    The momenta ``m |v|`` of all bodies add up to no more than ``sqrt(sum(m) sum(m v^2))``.
+    """
+    mass = np.array(family.scene.mass)
+    return family.scene.drag * math.sqrt(float(np.sum(mass) * np.max(family.main.velocity**2 @ mass)))
 
 
 def table_part(family: TwinFamily) -> Part:

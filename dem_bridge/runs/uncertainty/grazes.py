@@ -15,11 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.steps import Dense
-from dem_bridge.runs.uncertainty.moments import Moments
+from dem_bridge.runs.uncertainty.family import DenseReadings
+from dem_bridge.runs.uncertainty.moments import Moments, Reached
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import PHASE_PER_DENSE_SAMPLE, Schedule
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
+
+#: part of a peak force from which on a touch may be the one that has it: the touch is read from another run
+OWN_PEAK = 0.9
 
 
 class Doubt(NamedTuple):
@@ -30,7 +34,7 @@ class Doubt(NamedTuple):
 
 
 def widen_for_moments(
-    uncertainty: Mapping[str, Any], scene: Scene, run: Trajectory, moments: Moments, doubt: Doubt
+    uncertainty: Mapping[str, Any], scene: Scene, run: Trajectory, readings: DenseReadings, doubt: Doubt
 ) -> dict[str, Any]:
     """Return an uncertainty of ``run`` that covers what may happen at ``moments`` and happens in no run of a family.
 
@@ -38,30 +42,39 @@ def widen_for_moments(
     ----------
     uncertainty : mapping
         Uncertainty of each quantity without that.
-    moments : Moments
-        Of the run with absolute positions.
+    readings : DenseReadings
+        Of the run with absolute positions, with its moments.
     doubt : Doubt
         Uncertainty of overlap and closing rate at each moment.
     """
-    widened = dict(uncertainty)
+    widened, moments = dict(uncertainty), readings.moments
+    assert moments is not None
     for name in ("peak_force", "crossing_time"):
         widened[name] = np.array(np.broadcast_to(widened[name], run.crossing_time.shape))
     deepest = moments.overlap + doubt.overlap
-    certain = moments.felt & (moments.overlap > doubt.overlap)
+    certain = moments.felt & (moments.overlap > doubt.overlap) & ~moments.fresh
     # bodies that fly in touch approach and part by the last digits of their velocities
     moves = moments.speed > 4.0 * np.spacing(np.max(np.abs(run.velocity)))
     near = np.flatnonzero(moments.touches & moves & (deepest > 0.0) & ~certain)
     touch = _touches(scene, moments, near, deepest[near], doubt.rate[near])
     at, felt = moments.contact[near], moments.felt[near]
     # of a touch that the run has its differences to others cover the impulse
-    np.maximum.at(widened["peak_force"], at, touch.force - np.where(felt, run.peak_force[at], 0.0))
-    kick = np.where(felt, 0.0, touch.kick)
+    peak = np.where(felt, run.peak_force[at], 0.0)
+    # a peak force of this touch is none if the contact stays open
+    none = felt & (moments.overlap[near] <= doubt.overlap[near]) & (touch.own > OWN_PEAK * peak)
+    least = np.where(none, peak + widened["peak_force"][at], 0.0)
+    np.maximum.at(widened["peak_force"], at, np.maximum(touch.force - peak, least))
+    kick = np.where(felt & ~moments.fresh[near], 0.0, touch.kick)
     last = moments.last[near]
     widened["velocity"] += _together(kick, last)
     moved = kick * touch.after
     # since a touch near the end they come no farther apart than twice their depth without it, on either side
     moved = np.where(last, np.minimum(moved, 4.0 * deepest[near]), moved)
     widened["displacement"] += _together(moved, last)
+    beside = _handed_on(scene, readings.reached, 2.0 * _together(kick, last), 2.0 * _together(moved, last))
+    np.maximum.at(widened["peak_force"], beside.contact, beside.force - run.peak_force[beside.contact])
+    earlier = beside.contact[~beside.last & bool(np.any(kick[~last] > 0.0))]
+    widened["crossing_time"][earlier] = math.inf
     widened["crossing_time"][at[touch.stops & ~(moments.time[near] > run.crossing_time[at])]] = math.inf
     # until the end of the run a closing rate may fall to zero within the uncertainty of a crossing, too
     late = np.where(moments.last, widened["crossing_time"][moments.contact], 0.0)
@@ -87,6 +100,8 @@ class _Touch(NamedTuple):
 
     force: Floats
     """Largest force, N."""
+    own: Floats
+    """Largest force in the run itself, N."""
     kick: Floats
     """Change of velocity of the lighter body, m/s."""
     after: Floats
@@ -113,9 +128,14 @@ def _touches(scene: Scene, moments: Moments, near: NDArray[np.int64], deepest: F
     depth = np.where(pull > 0.0, deepest + _depth(c, at, 2.0 * energy) + _pulled_in(c, at), depth)
     with np.errstate(over="ignore"):  # of a stiff law it may be infinite, and is then unknown
         force = c.force(depth, at) + c.damping[at] * depth ** c.damping_power[at] * speed
+        had = np.maximum(moments.overlap[near], 0.0)
+        own = c.force(had, at) + c.damping[at] * had ** c.damping_power[at] * speed
         stored = c.energy(deepest, at) + c.damping[at] * deepest ** (c.damping_power[at] + 1.0) * speed
     turn = np.sqrt(8.0 * deepest / np.maximum(bend, 1e-300))
     lasting = np.minimum(np.where(end, moments.lasting[near], turn), scene.duration)
+    # a contact that has just closed is at the rate at which it closed
+    closed = deepest / np.maximum(moments.rate[near] - slower, 1e-300)
+    lasting = np.where(moments.fresh[near], np.minimum(lasting, closed), lasting)
     rest = scene.duration - moments.time[near] + moments.lasting[near]
     after = np.minimum(rest, 1.0 / scene.drag) if scene.drag > 0.0 else rest
     # a contact gives back no more than it takes
@@ -124,7 +144,39 @@ def _touches(scene: Scene, moments: Moments, near: NDArray[np.int64], deepest: F
     kick = lighter * np.where(pull > 0.0, impulse + 2.0 * held, impulse)
     least = np.maximum(moments.rate[near] - slower, 0.0)
     stops = ~end | (pull > 0.0) | ((bend >= 0.0) & (stored >= 0.5 * least**2 / mobility))
-    return _Touch(force, kick, after, stops)
+    return _Touch(force, own, kick, after, stops)
+
+
+class _HandedOn(NamedTuple):
+    """Contacts to which undecided touches of others may hand on a force, arrays ``(n,)``."""
+
+    contact: NDArray[np.int64]
+    force: Floats
+    """Largest force, N, of which the run may miss that beyond its own."""
+    last: NDArray[np.bool_]
+    """The contact is closed at the end of the run, and has the force then."""
+
+
+def _handed_on(scene: Scene, reached: Reached, faster: float, nearer: float) -> _HandedOn:
+    """Return which contacts may have a force if bodies move ``nearer`` (m) and are ``faster`` (m/s) than in a run.
+
+    Contacts that are open all the time are pressed no deeper than the energy of their bodies allows; those that are
+    closed at the end have a larger force then.
+    """
+    c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    never = (reached.nearest <= 0.0) & (reached.nearest + nearer > 0.0) & (faster > 0.0)
+    ending = (reached.last > 0.0) & (faster > 0.0)
+    near, end = np.flatnonzero(never), np.flatnonzero(ending)
+    speed = np.maximum(reached.nearest_rate[near], 0.0) + faster
+    mobility = inverse_mass[c.left[near]] + inverse_mass[c.right[near]]
+    pressed = np.minimum(reached.nearest[near] + nearer, _depth(c, near, 0.5 * speed**2 / mobility))
+    pressed = np.where(c.pull_off[near] > 0.0, pressed + _pulled_in(c, near), pressed)
+    depth = np.concatenate((pressed, reached.last[end] + nearer))
+    rate = np.concatenate((speed, np.maximum(reached.last_rate[end], 0.0) + faster))
+    contact = np.concatenate((near, end))
+    with np.errstate(over="ignore"):  # of a stiff law it may be infinite, and is then unknown
+        force = c.force(depth, contact) + c.damping[contact] * depth ** c.damping_power[contact] * rate
+    return _HandedOn(contact, force, np.isin(contact, end))
 
 
 def _depth(contacts: Contacts, which: NDArray[np.int64], energy: Floats) -> Floats:
@@ -141,6 +193,20 @@ def _pulled_in(contacts: Contacts, which: NDArray[np.int64]) -> Floats:
         return np.where(contacts.pull_off[which] > 0.0, math.inf, 0.0)
     n = contacts.exponent[which]
     return np.asarray((2.0 * n * contacts.pull_off[which] / contacts.stiffness[which]) ** (1.0 / (n - 1.0)))
+
+
+def drift_in_flight(scene: Scene, plan: Schedule, dense: Dense) -> Floats:
+    """Return the overlap (m), ``(n_contact,)``, that round-off may give to bodies that fly in touch; 0 for others.
+
+    Weight and drag accelerate both alike but for the last digit, so that they drift by a rounding a step: that of a
+    position, and that of a velocity for the rest of the run.
+    """
+    rounding = dense.overlap_in_flight + scene.duration * float(np.spacing(np.max(np.abs(dense.velocity))))
+    c, flight = scene.contacts, plan.steps * rounding
+    both = np.all(dense.velocity[1:, c.left] * dense.velocity[1:, c.right] > 0.0, axis=0)
+    accelerated = scene.drag > 0.0 or bool(np.any(scene.free_acceleration != 0.0))
+    flying = both & np.all(np.abs(dense.overlap) <= flight, axis=0)
+    return np.where(flying & accelerated, flight, 0.0)
 
 
 def unresolved_contacts(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> NDArray[np.bool_]:

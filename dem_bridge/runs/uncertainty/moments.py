@@ -22,6 +22,8 @@ from dem_bridge.trajectory.trajectory import Floats
 #: moments are kept up to so many uncertainties of displacement and velocity from zero: twice, because two bodies err,
 #: and twice that, because the largest error of the samples need not be that between them
 NEAR = 4.0
+#: steps before the end since which a touch is in no run: two of the coarser run, which is at twice the step
+RECENT = 4.0
 Indices = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
@@ -51,6 +53,8 @@ class Moments:
     """The contact is closed at a sample beside the moment, so that the run has its force."""
     stops: Booleans
     """The closing rate of a closed contact is nearest to zero, so that its compression may be largest."""
+    fresh: Booleans
+    """The contact has closed in the last steps before the end, so that no run has all of its impulse."""
     speed: Floats = field(default_factory=lambda: np.zeros(0))
     """Largest closing rate since the contact may have closed, m/s; see :func:`with_ways`."""
     lasting: Floats = field(default_factory=lambda: np.zeros(0))
@@ -72,15 +76,17 @@ def undecided_moments(
     seen = approach_of(scene, plan, dense)
     reach, slow, least = NEAR * displacement, NEAR * velocity, dense.overlap_in_flight
     moved = np.abs(seen["acceleration"]) >= resting_acceleration(scene)
-    kinds = (_turns(seen, moved, reach), _pauses(seen, moved, slow, least), _ends(seen, moved, reach, slow, least))
+    ends = _ends(seen, moved, reach, slow, least, RECENT * plan.step)
+    kinds = (_turns(seen, moved, reach), _pauses(seen, moved, slow, least), ends)
     rows, contact = np.concatenate([kind.rows for kind in kinds]), np.concatenate([kind.contact for kind in kinds])
     part = np.concatenate([kind.part for kind in kinds])
     touches, stops = np.concatenate([kind.touches for kind in kinds]), np.concatenate([kind.stops for kind in kinds])
+    fresh = np.concatenate([kind.fresh for kind in kinds])
     time = np.asarray(seen["time"][rows] + part * (seen["time"][rows + 1] - seen["time"][rows]), dtype=np.float64)
     last = (rows == len(seen["time"]) - 2) & (part == 1.0)
     stops &= _before_the_crossing(seen, rows, contact, time, crossing)
     kept = touches | stops
-    rows, contact, touches, stops = rows[kept], contact[kept], touches[kept], stops[kept]
+    rows, contact, touches, stops, fresh = rows[kept], contact[kept], touches[kept], stops[kept], fresh[kept]
     time, last = time[kept], last[kept]
     overlap, rate = read_at(seen, contact, time)
     felt = np.maximum(seen["overlap"][rows, contact], seen["overlap"][rows + 1, contact]) > 0.0
@@ -96,6 +102,7 @@ def undecided_moments(
         touches=touches,
         felt=felt,
         stops=stops,
+        fresh=fresh,
     )
 
 
@@ -143,6 +150,26 @@ def _polynomials(seen: Mapping[str, NDArray[Any]], rows: Indices, contact: Indic
     return quintics(value, slope, curvature, width), width
 
 
+class Reached(NamedTuple):
+    """Overlaps (m) and closing rates (m/s) of the contacts of a run, arrays ``(n_contact,)``."""
+
+    nearest: Floats
+    """Largest overlap; negative if the contact never closed."""
+    nearest_rate: Floats
+    """Closing rate at that sample."""
+    last: Floats
+    """Overlap at the end."""
+    last_rate: Floats
+    """Closing rate at the end."""
+
+
+def reached(seen: Mapping[str, NDArray[Any]]) -> Reached:
+    """Return what the contacts of a run reached; ``seen`` is as for :func:`with_ways`."""
+    overlap, rate = seen["overlap"], seen["rate"]
+    rows, columns = np.argmax(overlap, axis=0), np.arange(overlap.shape[1])
+    return Reached(overlap[rows, columns], rate[rows, columns], overlap[-1], rate[-1])
+
+
 class _Kind(NamedTuple):
     """Moments of one kind, arrays ``(n_moment,)``."""
 
@@ -153,6 +180,7 @@ class _Kind(NamedTuple):
     """Part of the interval after that sample."""
     touches: Booleans
     stops: Booleans
+    fresh: Booleans
 
 
 def _turns(seen: Mapping[str, NDArray[Any]], moved: Booleans, reach: float) -> _Kind:
@@ -168,7 +196,7 @@ def _turns(seen: Mapping[str, NDArray[Any]], moved: Booleans, reach: float) -> _
     unfelt = np.maximum(seen["overlap"][rows, contact], seen["overlap"][rows + 1, contact]) <= 0.0
     near = (top >= -reach) & (unfelt | (top <= reach))
     yes = np.ones(int(np.sum(near)), dtype=bool)
-    return _Kind(rows[near], contact[near], part[near], touches=yes, stops=~yes)
+    return _Kind(rows[near], contact[near], part[near], touches=yes, stops=~yes, fresh=~yes)
 
 
 def _pauses(seen: Mapping[str, NDArray[Any]], moved: Booleans, slow: float, least: float) -> _Kind:
@@ -184,20 +212,27 @@ def _pauses(seen: Mapping[str, NDArray[Any]], moved: Booleans, slow: float, leas
     part, slope = extreme_slopes(polynomial, np.sign(bend[rows, contact]))
     near_zero = np.abs(slope) <= slow * span
     yes = np.ones(int(np.sum(near_zero)), dtype=bool)
-    return _Kind(rows[near_zero], contact[near_zero], part[near_zero], touches=~yes, stops=yes)
+    return _Kind(rows[near_zero], contact[near_zero], part[near_zero], touches=~yes, stops=yes, fresh=~yes)
 
 
-def _ends(seen: Mapping[str, NDArray[Any]], moved: Booleans, reach: float, slow: float, least: float) -> _Kind:
-    """Return which contacts are near touch, or near their first maximum of compression, when the run ends."""
+def _ends(
+    seen: Mapping[str, NDArray[Any]], moved: Booleans, reach: float, slow: float, least: float, recent: float
+) -> _Kind:
+    """Return which contacts are near touch, or near their first maximum of compression, when the run ends.
+
+    Those that have closed since ``recent`` seconds before it are near touch.
+    """
     overlap, rate, bend = (seen[name][-1] for name in ("overlap", "rate", "acceleration"))
     # a contact that is pressed on has closed, if ever so little; one that nothing has moved is where it was
     pressed, still = (overlap >= 0.0) & (bend > 0.0), np.all(seen["rate"] == 0.0, axis=0)
-    touches = (rate >= 0.0) & (np.abs(overlap) <= reach) & ~pressed & ~still
+    fresh = (overlap > 0.0) & (seen["overlap"][-2] <= 0.0) & (overlap <= recent * rate)
+    touches = fresh | ((rate >= 0.0) & (np.abs(overlap) <= reach) & ~pressed & ~still)
     spacing = seen["time"][-1] - seen["time"][-2]
     stops = (overlap > least) & (rate > 0.0) & (bend < 0.0) & moved[-1] & (rate <= slow - bend * spacing)
     contact = np.flatnonzero(touches | stops)
     rows = np.full(len(contact), len(seen["time"]) - 2)
-    return _Kind(rows, contact, np.ones(len(contact)), touches=touches[contact], stops=stops[contact])
+    kinds = {"touches": touches[contact], "stops": stops[contact], "fresh": fresh[contact]}
+    return _Kind(rows, contact, np.ones(len(contact)), **kinds)
 
 
 def _before_the_crossing(

@@ -16,8 +16,8 @@ from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty.family import DenseReadings, TwinFamily
 from dem_bridge.runs.uncertainty.fixed_step import doubt_at_moments, sampled_uncertainty
-from dem_bridge.runs.uncertainty.grazes import unresolved_contacts
-from dem_bridge.runs.uncertainty.moments import read_at, undecided_moments, with_ways
+from dem_bridge.runs.uncertainty.grazes import drift_in_flight, unresolved_contacts
+from dem_bridge.runs.uncertainty.moments import reached, read_at, undecided_moments, with_ways
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule, secondary_peak_force
 from dem_bridge.trajectory.trajectory import Cost, Trajectory
@@ -31,10 +31,13 @@ MOST_WORK = 1e7
 
 def read_dense(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> DenseReadings:
     """Return the readings of a run on the steps of ``plan``."""
+    drift = drift_in_flight(scene, plan, dense)
     return DenseReadings(
         thinned=peaks_and_crossings(scene, plan, dense, every=2),
         secondary_peak_force=secondary_peak_force(dense.force),
-        unresolved=unresolved_contacts(scene, plan, dense, run),
+        unresolved=unresolved_contacts(scene, plan, dense, run) | (drift > 0.0),
+        drift=drift,
+        reached=reached(approach_of(scene, plan, dense)),
     )
 
 

@@ -67,10 +67,12 @@ def test_what_a_touch_between_two_samples_changes_is_an_error_of_reading() -> No
 @pytest.mark.parametrize(
     ("overlap", "rate", "bend", "touches"),
     [
-        (-1e-3, 0.5, -1.0, True), (1e-3, 0.5, -1.0, True), (-5e-3, 0.5, -1.0, False), (5e-3, 0.5, -1.0, False),
-        (-1e-3, -0.5, -1.0, False), (1e-3, 0.5, 1.0, False), (-1e-3, 0.5, 1.0, True), (-1e-3, 0.0, 0.0, False),
+        (-1e-3, 0.5, -1.0, True), (1e-3, 0.5, -1.0, True), (-5e-3, 0.5, -1.0, False), (6e-3, 0.5, -1.0, False),
+        (-1e-3, -0.5, -1.0, False), (1e-3, 0.01, 1.0, False), (-1e-3, 0.5, 1.0, True), (-1e-3, 0.0, 0.0, False),
+        (4e-3, 0.5, -1.0, True), (4e-3, 0.5, 1.0, True), (4e-3, -0.5, -1.0, False),
     ],
-    ids=["open", "closed", "far", "deep", "parting", "pressed on", "pulled in", "nothing moves"],
+    ids=["open", "closed", "far", "deep", "parting", "pressed on", "pulled in", "nothing moves",
+         "closed in the last step", "pressed on since the last step", "has opened"],
 )  # fmt: skip
 def test_a_contact_near_touch_at_the_end_is_undecided(overlap: float, rate: float, bend: float, touches: bool) -> None:
     at_end = found(
@@ -141,7 +143,7 @@ def test_a_motion_is_read_between_samples_and_since_it_came_near() -> None:
     assert rate == pytest.approx([4.0 * 0.05**3, 1.1, 4.0], rel=1e-12)
     end = Moments(**{name: np.array([value]) for name, value in {
         "contact": 1, "time": 1.0, "last": True, "overlap": 0.0, "rate": 2.0, "bend": -2.0, "touches": True,
-        "felt": False, "stops": False, "lost": 0.0,
+        "felt": False, "stops": False, "fresh": False, "lost": 0.0,
     }.items()})  # fmt: skip
     # it was 0.36 m away at 0.8 s
     near = with_ways(end, seen, np.array([0.3]))
