@@ -203,7 +203,8 @@ def drift_in_flight(scene: Scene, plan: Schedule, dense: Dense) -> Floats:
     """
     rounding = dense.overlap_in_flight + scene.duration * float(np.spacing(np.max(np.abs(dense.velocity))))
     c, flight = scene.contacts, plan.steps * rounding
-    both = np.all(dense.velocity[1:, c.left] * dense.velocity[1:, c.right] > 0.0, axis=0)
+    way = np.sign(dense.velocity[1:])
+    both = np.all(way[:, c.left] * way[:, c.right] > 0.0, axis=0)
     accelerated = scene.drag > 0.0 or bool(np.any(scene.free_acceleration != 0.0))
     flying = both & np.all(np.abs(dense.overlap) <= flight, axis=0)
     return np.where(flying & accelerated, flight, 0.0)
