@@ -147,8 +147,8 @@ def test_a_backend_with_a_fault_is_found_out(fault: Any, word: Word, verdict: Ou
 
 @pytest.mark.parametrize(("factor", "word"), [(0.1, Word.WRONG), (math.inf, Word.NO_BAR)])
 def test_a_wrong_uncertainty_is_found_out(factor: float, word: Word, monkeypatch: pytest.MonkeyPatch) -> None:
-    def planted_rule(family: TwinFamily, summed: float | None = None) -> Uncertainty:
-        right = fixed_step_uncertainty(family, summed)
+    def planted_rule(family: TwinFamily, summed: float | None = None, *, drifts: bool = False) -> Uncertainty:
+        right = fixed_step_uncertainty(family, summed, drifts=drifts)
         return replace(right, **{name: factor * value for name, value in right.items()})
 
     monkeypatch.setattr(fixed_step, "fixed_step_uncertainty", planted_rule)

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from dem_bridge.runs.uncertainty.family import TwinFamily
 
 TWIN = "verlet"
+#: backends that keep momenta: a velocity is rounded by its mass, so that bodies which fall alike drift apart
+DRIFTING = ("ase",)
 #: backends that take their uncertainty from a family of twins, from their own steps, and from replicas
 TWINS, OWN_STEPS, REPLICAS = (
     tuple(name for name, entry in BACKENDS.items() if entry.uncertainty == rule)
@@ -81,7 +83,7 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
 
         # LAMMPS' contact forces are running sums of its net forces
         summed = case.scene.summed_outer_force if case.backend in ENGINE_BACKENDS else None
-        return fixed_step_uncertainty(family, summed)
+        return fixed_step_uncertainty(family, summed, drifts=case.backend in DRIFTING)
     if case.backend not in REPLICAS:
         return run.uncertainty
     from dem_bridge.backends.scipy_dop853 import ScipyDop853

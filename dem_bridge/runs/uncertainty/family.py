@@ -23,7 +23,7 @@ class DenseReadings:
     secondary_peak_force: Floats
     """Largest force of each contact outside the collision that has its largest, N."""
     unresolved: NDArray[np.bool_]
-    """Contacts whose first compression is briefer than the step, or is one of round-off."""
+    """Contacts whose first compression is briefer than the step."""
     drift: Floats
     """Overlap, m, that round-off may give to each contact whose bodies fly in touch; 0 for all others."""
     reached: Reached

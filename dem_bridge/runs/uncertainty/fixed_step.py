@@ -57,7 +57,7 @@ _EPSILON = float(np.finfo(float).eps)
 Part = dict[str, Any]
 
 
-def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None) -> Uncertainty:
+def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None, *, drifts: bool = False) -> Uncertainty:
     """Return the uncertainty of a run with the settings of a family.
 
     Parameters
@@ -66,6 +66,8 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None) -> U
     summed : float, optional
         For a code whose contact forces are running sums of net forces: the sum of all other forces, N. None: the code
         gives its contact forces.
+    drifts : bool
+        Whether bodies that fall in touch drift in the code: it may have crossings by round-off.
     """
     step, roundoff, tables = time_step_part(family), roundoff_differences(family), table_part(family)
     reading, lost = reading_part(family)
@@ -73,7 +75,8 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None) -> U
     total = _sum(total, last_step_part(family), early_touch_part(family))
     drifted = family.scene.contacts.force(family.readings.drift, np.arange(family.scene.n_contact))
     total["peak_force"] = total["peak_force"] + secondary_peak_part(family, total["velocity"]) + drifted
-    total["crossing_time"] = np.where(family.readings.unresolved, math.inf, total["crossing_time"])
+    unresolved = family.readings.unresolved | (drifts & (family.readings.drift > 0.0))
+    total["crossing_time"] = np.where(unresolved, math.inf, total["crossing_time"])
     if family.readings.moments is not None:
         doubt = doubt_at_moments(family)
         total = widen_for_moments(total, family.scene, family.main, family.readings, doubt)

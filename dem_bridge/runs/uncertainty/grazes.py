@@ -201,13 +201,12 @@ def drift_in_flight(scene: Scene, plan: Schedule, dense: Dense) -> Floats:
     Weight and drag accelerate both alike but for the last digit, so that they drift by a rounding a step: that of a
     position, and that of a velocity for the rest of the run.
     """
+    c, velocity = scene.contacts, np.append(scene.velocity, math.nan)
+    pull = np.append(scene.free_acceleration - scene.drag * np.array(scene.velocity), math.nan)
+    alike = (velocity[c.left] == velocity[c.right]) & np.isclose(pull[c.left], pull[c.right], rtol=1e-12, atol=0.0)
+    flying = (c.gap == 0.0) & alike & (pull[c.left] != 0.0)
     rounding = dense.overlap_in_flight + scene.duration * float(np.spacing(np.max(np.abs(dense.velocity))))
-    c, flight = scene.contacts, plan.steps * rounding
-    way = np.sign(dense.velocity[1:])
-    both = np.all(way[:, c.left] * way[:, c.right] > 0.0, axis=0)
-    accelerated = scene.drag > 0.0 or bool(np.any(scene.free_acceleration != 0.0))
-    flying = both & np.all(np.abs(dense.overlap) <= flight, axis=0)
-    return np.where(flying & accelerated, flight, 0.0)
+    return np.where(flying, plan.steps * rounding, 0.0)
 
 
 def unresolved_contacts(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> NDArray[np.bool_]:

@@ -31,12 +31,11 @@ MOST_WORK = 1e7
 
 def read_dense(scene: Scene, plan: Schedule, dense: Dense, run: Trajectory) -> DenseReadings:
     """Return the readings of a run on the steps of ``plan``."""
-    drift = drift_in_flight(scene, plan, dense)
     return DenseReadings(
         thinned=peaks_and_crossings(scene, plan, dense, every=2),
         secondary_peak_force=secondary_peak_force(dense.force),
-        unresolved=unresolved_contacts(scene, plan, dense, run) | (drift > 0.0),
-        drift=drift,
+        unresolved=unresolved_contacts(scene, plan, dense, run),
+        drift=drift_in_flight(scene, plan, dense),
         reached=reached(approach_of(scene, plan, dense)),
     )
 
