@@ -22,8 +22,6 @@ readings from all of them and from every second one.
 
 *Secondary peak force.* As far as velocities are uncertain, the next largest collision of a contact may be its largest.
 
-*Last step.* A contact that closes in the last step before a sample, see :func:`last_step_part`.
-
 *Early touches*: see :mod:`.early_touches`.
 
 *Undetected grazes*, *undecided crossings* and *unresolved contacts*: see :mod:`.grazes`.
@@ -72,14 +70,15 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None, *, d
     step, roundoff, tables = time_step_part(family), roundoff_differences(family), table_part(family)
     reading, lost = reading_part(family)
     total = _sum(step, roundoff_part(family, roundoff), summation_part(family, summed), tables, reading)
-    total = _sum(total, last_step_part(family), early_touch_part(family))
+    total = _sum(total, early_touch_part(family))
     drifted = family.scene.contacts.force(family.readings.drift, np.arange(family.scene.n_contact))
     total["peak_force"] = total["peak_force"] + secondary_peak_part(family, total["velocity"]) + drifted
     unresolved = family.readings.unresolved | (drifts & (family.readings.drift > 0.0))
     total["crossing_time"] = np.where(unresolved, math.inf, total["crossing_time"])
-    if family.readings.moments is not None:
+    moments = family.readings.moments
+    if moments is not None:
         doubt = doubt_at_moments(family)
-        total = widen_for_moments(total, family.scene, family.main, family.readings, doubt)
+        total = widen_for_moments(total, family.scene, family.main, moments, doubt, family.readings.reached)
     # a crossing that may be after the end of the run may be none
     late = family.main.crossing_time + total["crossing_time"] > family.main.time[-1]
     total["crossing_time"] = np.where(late, math.inf, total["crossing_time"])
@@ -181,38 +180,6 @@ def summation_part(family: TwinFamily, summed: float | None) -> Part:
         "velocity": steps * family.speed,
         "displacement": steps * float(np.max(np.abs(main.displacement))),
         "peak_force": _EPSILON * forces,
-        "crossing_time": 0.0,
-    }
-
-
-def last_step_part(family: TwinFamily) -> Part:
-    """Return what touches within the last step before a sample have moved, and no run of the family has.
-
-    A body drifts through such a step before it is kicked. Counted is twice the way of a force that has its final size
-    from the touch on, and the change of force at the end of the run by the ways and the kicks of both bodies.
-    """
-    scene, main, c = family.scene, family.main, family.scene.contacts
-    inverse_mass = np.append(1.0 / np.array(scene.mass), 0.0)
-    place, velocity = (np.column_stack([rows, np.zeros(len(rows))]) for rows in (main.displacement, main.velocity))
-    overlap = place[:, c.left] - place[:, c.right] - c.gap
-    rate = velocity[:, c.left] - velocity[:, c.right]
-    touched = (c.gap > 0.0) & (overlap > 0.0) & (overlap <= rate * family.plan.step)
-    since = np.divide(overlap, rate, out=np.zeros_like(rate), where=touched)
-    impulse = np.abs(main.contact_force) * since
-    moved = impulse * since * np.maximum(inverse_mass[c.left], inverse_mass[c.right])
-    slower = impulse[-1] * (inverse_mass[c.left] + inverse_mass[c.right])
-    which = np.arange(scene.n_contact)
-    end = np.maximum(overlap[-1], 0.0)
-    # so young an overlap is not much more than the last digits that both bodies have lost on their way
-    deeper = slower * since[-1] + 2.0 * summation_part(family, None)["displacement"]
-    with np.errstate(over="ignore", invalid="ignore"):  # a force beyond doubles is infinite
-        force = c.force(end + deeper, which) - c.force(end, which)
-        force = force + 2.0 * c.damping * end**c.damping_power * slower
-    return {
-        "velocity": 0.0,
-        # a body may be between two such contacts
-        "displacement": 2.0 * float(np.max(moved, initial=0.0)),
-        "peak_force": np.where(touched[-1], force, 0.0),
         "crossing_time": 0.0,
     }
 

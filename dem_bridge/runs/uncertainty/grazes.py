@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.steps import Dense
-from dem_bridge.runs.uncertainty.family import DenseReadings
 from dem_bridge.runs.uncertainty.moments import Moments, Reached
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
@@ -34,7 +33,12 @@ class Doubt(NamedTuple):
 
 
 def widen_for_moments(
-    uncertainty: Mapping[str, Any], scene: Scene, run: Trajectory, readings: DenseReadings, doubt: Doubt
+    uncertainty: Mapping[str, Any],
+    scene: Scene,
+    run: Trajectory,
+    moments: Moments,
+    doubt: Doubt,
+    reached: Reached | None = None,
 ) -> dict[str, Any]:
     """Return an uncertainty of ``run`` that covers what may happen at ``moments`` and happens in no run of a family.
 
@@ -42,13 +46,14 @@ def widen_for_moments(
     ----------
     uncertainty : mapping
         Uncertainty of each quantity without that.
-    readings : DenseReadings
-        Of the run with absolute positions, with its moments.
+    moments : Moments
+        Of the run with absolute positions.
     doubt : Doubt
         Uncertainty of overlap and closing rate at each moment.
+    reached : Reached, optional
+        How far each contact was closed. None: what other contacts may be handed is not counted.
     """
-    widened, moments = dict(uncertainty), readings.moments
-    assert moments is not None
+    widened = dict(uncertainty)
     for name in ("peak_force", "crossing_time"):
         widened[name] = np.array(np.broadcast_to(widened[name], run.crossing_time.shape))
     deepest = moments.overlap + doubt.overlap
@@ -71,10 +76,11 @@ def widen_for_moments(
     # since a touch near the end they come no farther apart than twice their depth without it, on either side
     moved = np.where(last, np.minimum(moved, 4.0 * deepest[near]), moved)
     widened["displacement"] += _together(moved, last)
-    beside = _handed_on(scene, readings.reached, 2.0 * _together(kick, last), 2.0 * _together(moved, last))
-    np.maximum.at(widened["peak_force"], beside.contact, beside.force - run.peak_force[beside.contact])
-    earlier = beside.contact[~beside.last & bool(np.any(kick[~last] > 0.0))]
-    widened["crossing_time"][earlier] = math.inf
+    if reached is not None:
+        beside = _handed_on(scene, reached, 2.0 * _together(kick, last), 2.0 * _together(moved, last))
+        np.maximum.at(widened["peak_force"], beside.contact, beside.force - run.peak_force[beside.contact])
+        earlier = beside.contact[~beside.last & bool(np.any(kick[~last] > 0.0))]
+        widened["crossing_time"][earlier] = math.inf
     widened["crossing_time"][at[touch.stops & ~(moments.time[near] > run.crossing_time[at])]] = math.inf
     # until the end of the run a closing rate may fall to zero within the uncertainty of a crossing, too
     late = np.where(moments.last, widened["crossing_time"][moments.contact], 0.0)

@@ -125,6 +125,7 @@ def _moments(scene: Scene, run: Trajectory, touches: Sequence[NearTouch], doubt:
         touches=np.ones(len(touches), dtype=bool),
         felt=felt,
         stops=slow,
+        fresh=np.zeros(len(touches), dtype=bool),
         speed=np.where(last, speed, math.inf),
         lasting=lasting,
         fastest=np.full(len(touches), math.inf),

@@ -17,7 +17,7 @@ from dem_bridge.runs.uncertainty.twins import twin_family
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.dense import Schedule
 from tests.helpers.fake_runs import free_flight
-from tests.helpers.twin_families import family, moment
+from tests.helpers.twin_families import moment
 
 G, UP = -1e3, 0.75
 HEIGHT = UP**2 / (2.0 * -G)
@@ -142,8 +142,7 @@ def test_a_crossing_is_known_if_it_is_before_the_turn(time: float, known: bool) 
     turn = moment(0, time, overlap=-1e-3, bend=1.0)
     none = {"velocity": 0.0, "displacement": 0.0, "peak_force": 0.0, "crossing_time": 0.0}
     doubt = Doubt(np.array([2e-3]), np.zeros(1))
-    readings = family(moments=turn).readings
-    found = widen_for_moments(none, scene, free_flight(), readings, doubt)
+    found = widen_for_moments(none, scene, free_flight(), turn, doubt)
     assert found["crossing_time"].tolist() == [0.0 if known else math.inf, 0.0]
     # 1 mm deep at 100 N/m; a bend of 1 m/s^2 holds it for sqrt(8e-3) s
     assert found["peak_force"] == pytest.approx([0.1, 0.0], rel=1e-9)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.runs.uncertainty import fixed_step
+from dem_bridge.runs.uncertainty import moments
 from dem_bridge.runs.uncertainty.replicas import REFERENCE, replica_uncertainty
 from dem_bridge.scene.scene import Damping, Scene
-from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight
 from tests.helpers.many_scenes import many
 from tests.runs.uncertainty.measure_bars import try_backend
@@ -59,7 +59,7 @@ def test_a_touch_in_the_last_step_is_within_the_uncertainty(
         since = part * step
         run = db.solve(touching(since, damping=damping), backend=backend, dt=step)
         assert max(errors(run, since, damping)) <= 1.0, part
-    monkeypatch.setattr(fixed_step, "last_step_part", lambda family: dict.fromkeys(QUANTITIES, 0.0))
+    monkeypatch.setattr(moments, "RECENT", 0.0)
     run = db.solve(touching(0.03 * step, damping=damping), backend=backend, dt=step)
     assert max(errors(run, 0.03 * step, damping)) > 2.0
 

@@ -12,13 +12,14 @@ import pytest
 import dem_bridge as db
 from dem_bridge.runs.uncertainty import fixed_step, grazes, replicas
 from dem_bridge.runs.uncertainty.differences import absolute_differences
-from dem_bridge.runs.uncertainty.family import DenseReadings, TwinFamily
+from dem_bridge.runs.uncertainty.family import TwinFamily
 from dem_bridge.runs.uncertainty.fixed_step import (
     fixed_step_uncertainty,
     roundoff_part,
     sampled_uncertainty,
     summation_part,
 )
+from dem_bridge.runs.uncertainty.moments import Moments
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.trajectory.trajectory import QUANTITIES
@@ -284,11 +285,9 @@ def _without_doubt(family: TwinFamily) -> grazes.Doubt:
     return grazes.Doubt(none, none)
 
 
-def _without_rest(total: Any, scene: Scene, run: Any, readings: DenseReadings, doubt: grazes.Doubt) -> Any:
-    moments = readings.moments
-    assert moments is not None
+def _without_rest(total: Any, scene: Scene, run: Any, moments: Moments, *about: Any) -> Any:
     lively = replace(moments, speed=np.maximum(moments.speed, 0.2), fastest=moments.fastest + 1.0)
-    return WIDEN(total, scene, run, replace(readings, moments=lively), doubt)
+    return WIDEN(total, scene, run, lively, *about)
 
 
 WIDEN = grazes.widen_for_moments
@@ -375,8 +374,7 @@ def test_a_graze_moves_the_lighter_body(mass: tuple[float, float]) -> None:
     base = BASE.scene.mass[2:]
     scene = replace(BASE.scene, mass=(*mass, *base))
     turn, doubt = moment(0, 0.05, overlap=-1e-3, bend=3.4), grazes.Doubt(np.array([1.2e-3]), np.zeros(1))
-    readings = replace(BASE.readings, moments=turn)
-    found = grazes.widen_for_moments(dict.fromkeys(QUANTITIES, 0.0), scene, BASE.main, readings, doubt)
+    found = grazes.widen_for_moments(dict.fromkeys(QUANTITIES, 0.0), scene, BASE.main, turn, doubt)
     deepest = 1.2e-3 - 1e-3
     force = float(scene.contacts.force(np.array([deepest]), np.array([0]))[0])
     assert found["peak_force"] == pytest.approx([force, 0.0], rel=1e-12)
