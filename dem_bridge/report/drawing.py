@@ -61,19 +61,19 @@ def draw_figure(data: FigureData) -> Figure:
 
     Panels that share a scale have the same colour scale (maps) or y axis (lines). The colour scale of maps covers 19 of
     20 columns; an arrow of the colour bar marks values beyond it, such as those of a last body that flies off. With
-    ``data.last_beside`` the last panel is as high as all others, and stands right of them.
+    ``data.last_beside`` the last panel is as high as all others, and stands right of them, if there are others.
     """
     panels = data.panels
     if data.small:
         return _draw_small(data)
-    stacked = len(panels) - data.last_beside
+    beside = data.last_beside and len(panels) > 1
+    stacked = len(panels) - beside
     columns = max(1, min(data.columns, stacked))
     rows = [list(range(k, min(k + columns, stacked))) for k in range(0, stacked, columns)]
     heights = [
-        (0.85 if data.last_beside else _NARROW if data.width else 1.0) * max(_height(panels[k]) for k in row)
-        for row in rows
+        (0.85 if beside else _NARROW if data.width else 1.0) * max(_height(panels[k]) for k in row) for row in rows
     ]
-    wide = columns > 1 or data.last_beside or any(panel.rows for panel in panels)
+    wide = columns > 1 or beside or any(panel.rows for panel in panels)
     page = data.width * WIDTH if data.width else WIDTH if wide else 0.62 * WIDTH
     layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06)
     rows_of_names = -(-len(_names(panels)) // _names_in_row(_names(panels), page))
@@ -82,12 +82,12 @@ def draw_figure(data: FigureData) -> Figure:
         return figure
     left: FigureBase = figure
     right: FigureBase = figure
-    if data.last_beside:
+    if beside:
         left, right = figure.subfigures(1, 2, width_ratios=[_LEFT, 1.0 - _LEFT], squeeze=False)[0]
     grid = left.add_gridspec(len(rows), columns, height_ratios=heights)
     axes = [left.add_subplot(grid[divmod(k, columns)]) for k in range(stacked)]
     axes += [right.add_subplot() for _ in range(stacked, len(panels))]
-    part = _LEFT if data.last_beside else 1.0
+    part = _LEFT if beside else 1.0
     widths = [page * part / columns] * stacked + [page * (1.0 - part)]
     groups = groups_of_scale(panels)
     limits: dict[int, tuple[float, float, str]] = {}
@@ -105,7 +105,7 @@ def draw_figure(data: FigureData) -> Figure:
     for group in groups:
         lines = [k for k in group if panels[k].map is None and not panels[k].rows]
         scale_together([axes[k] for k in lines], [panels[k] for k in lines])
-    for row in [list(range(stacked))] if data.last_beside else rows:
+    for row in [list(range(stacked))] if beside else rows:
         mapped = [k for k in row if k in images]
         for label_and_limits, alike in groupby(mapped, key=lambda k: (panels[k].map.label, limits[k])):  # type: ignore[union-attr]
             indices = list(alike)

@@ -70,6 +70,9 @@ ROWED = _panel(_line(style="mark-2", x=np.array([1e-3, 1e-2, 1e-1]), y=np.arange
         # panels of a narrow figure have 65 % of their height, those beside a last one 85 %
         ((_panel(_line()), _panel(_line())), {"columns": 2, "width": 0.7}, 0.7 * SHEET, [0.65 * 1.95]),
         ((_panel(_line()), _panel(_line()), _panel(_line())), {"last_beside": True}, SHEET, [0.85 * 1.95] * 2),
+        # a single panel stands beside none, and is drawn as it is without
+        ((_panel(_line()),), {"last_beside": True}, 0.62 * SHEET, [1.95]),
+        ((_panel(map=MAP, notes=("n",)),), {"last_beside": True, "width": 0.7}, 0.7 * SHEET, [0.65 * 2.4]),
         # of more columns than panels there are as many as panels
         ((_panel(_line()),), {"columns": 3}, 0.62 * SHEET, [1.95]),
     ],
@@ -86,7 +89,8 @@ def test_a_figure_has_the_sizes_of_its_panels(
     np.testing.assert_allclose(ratios / ratios.sum(), np.array(heights) / sum(heights), rtol=1e-9)
     places = [ax.get_subplotspec() for ax in figure.axes if ax.get_label() != "<colorbar>"]
     columns = min(more.get("columns", 1), len(panels))
-    of_grid = len(panels) - more.get("last_beside", False)
+    of_grid = len(panels) - (more.get("last_beside", False) and len(panels) > 1)
+    assert len(places) == len(panels)
     for nth, place in enumerate(places[:of_grid]):
         assert place is not None
         assert (place.rowspan.start, place.colspan.start) == divmod(nth, columns)

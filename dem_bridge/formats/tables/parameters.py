@@ -57,11 +57,11 @@ class _Deck:
 
 
 def _deck_of(scene: Scene, settings: Mapping[str, Any]) -> _Deck:
-    """Return the deck of a scene; raise UsageError if its radius is below the largest overlap."""
+    """Return the deck of a scene; raise UsageError unless its radius is above the largest overlap."""
     resolution, prescan, distinct = Resolution(**settings), prescan_scene(scene), laws(scene)
     largest = float(np.max(prescan.peak_overlap, initial=0.0))
     radius = radius_of(scene, resolution, prescan)
-    if radius < largest:
+    if radius <= largest:
         raise UsageError(f"surrogate_radius = {radius:g} m; allowed: more than the largest overlap, {largest:.3g} m")
     types = body_types(distinct.where, resolution.types)
     return _Deck(prescan=prescan, radius=radius, laws=distinct, types=types)

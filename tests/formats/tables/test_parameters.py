@@ -259,6 +259,17 @@ def test_a_radius_below_the_overlap_is_refused() -> None:
         db.table_of(PAIR, "pair-coeffs", surrogate_radius=1e-6)
 
 
+@pytest.mark.parametrize("table", ["contacts", "pair-coeffs"])
+def test_a_radius_of_the_largest_overlap_is_refused_and_the_next_larger_is_not(table: str) -> None:
+    overlaps = _contacts(CROSSED, with_run=False)[1]["peak_overlap_prescan_m"]
+    largest = float(np.max(overlaps))
+    assert largest > float(np.min(overlaps))
+    with pytest.raises(UsageError, match=f"^surrogate_radius = {largest:g} m; allowed: more than the largest overlap"):
+        db.table_of(CROSSED, table, with_run=False, surrogate_radius=largest)
+    above = math.nextafter(largest, 1.0)
+    assert db.table_of(CROSSED, table, with_run=False, surrogate_radius=above).rows
+
+
 def test_tables_refuse_what_they_are_not_asked(tmp_path: Path) -> None:
     with pytest.raises(
         UsageError, match=r"^table = 'balls' is unknown; allowed: contacts, pair-coeffs, bodies, observables, "
