@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -246,3 +247,11 @@ def test_runs_of_one_code_have_numbered_styles_and_others_those_of_the_report(so
     alone, theory = db.plot.residence([exact], theory="bca", scene=SCENE).get_lines()
     for line, name in ((alone, "reference"), (theory, "bca")):
         assert (line.get_color(), line.get_marker()) == (STYLES[name]["color"], STYLES[name].get("marker", "None"))
+
+
+def test_a_run_of_a_code_without_a_style_of_its_own_has_a_numbered_one(solved: Solve) -> None:
+    run = solved(SCENE, "verlet", dt=1e-6)
+    other = replace(run, provenance={**run.provenance, "backend": "a-code-of-mine"})
+    for runs, place in (([other], 0), ([run, other], 1), ([other, run], 0)):
+        line = db.plot.residence(runs).get_lines()[place]
+        assert (line.get_label(), line.get_color()) == ("a-code-of-mine", style_of(f"nth/{place}/{place}")["color"])

@@ -144,6 +144,24 @@ def test_titles_and_notes_are_broken_at_the_width_of_their_panel(columns: int, i
     assert ax.get_xlabel() == "body"
 
 
+def test_a_title_without_notes_stands_half_a_letter_above_its_panel() -> None:
+    ax = _figure(_panel(_line())).axes[0]
+    assert list(ax.texts) == []
+    up = ax.titleOffsetTrans.transform((0.0, 0.0))[1] * 72.0 / ax.figure.dpi  # type: ignore[attr-defined]
+    assert up == pytest.approx(0.5 * 9.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("kept", [_panel(_line(y=(0.2, 20.0)), map=MAP), ROWED], ids=["map", "rows"])
+def test_a_panel_that_shares_with_lines_keeps_the_axis_of_its_map_or_rows(kept: Panel) -> None:
+    lines = _panel(_line(y=(3.0, 9.0)))
+    alone, of_lines = (_figure(panel).axes[0].get_ylim() for panel in (kept, lines))
+    assert [ax.get_ylim() for ax in _figure(lines, replace(kept, shares_scale_with=(0,))).axes[:2]] == [of_lines, alone]
+    assert [ax.get_ylim() for ax in _figure(replace(kept, shares_scale_with=(1,)), lines).axes[:2]] == [alone, of_lines]
+    # the axis of a map ends at its samples, and that of rows at the last of them
+    assert alone == ((-0.5, 1.5) if kept.map else (2.5, -0.5))
+    assert of_lines == pytest.approx((0.0, 1.06 * 9.0))
+
+
 def test_a_panel_of_a_notebook_has_larger_text_and_its_own_legend() -> None:
     ax = _alone(_panel(_line("first"), _line("second", y=(2.0, 3.0)), title=LONG, notes=("n",)))
     inches = 0.775 * 6.4
@@ -251,6 +269,10 @@ def test_bars_of_three_series_stand_one_below_the_other() -> None:
     # two looks by turns, the second hatched
     assert [bar.get_hatch() for bar in bars] == [None, None, "////", "////", None, None]
     assert {to_hex(bar.get_edgecolor()) for bar in bars} == {"#000000"}
+    assert {bar.get_linewidth() for bar in bars} == {0.5}
+    # a series alone has the whole height, around the middle of its row
+    [alone] = _figure(_panel(_line("0", x=np.array([1.0]), y=np.array([0.0])), rows=("a",), bars=True)).axes[0].patches
+    assert (alone.get_y(), alone.get_height()) == pytest.approx((-0.4, 0.8))  # type: ignore[attr-defined]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["0", "1", "2"]
     assert figure.legends[0].get_title().get_text() == ""
 

@@ -65,6 +65,15 @@ def test_axes_that_share_show_the_largest_of_all_and_name_what_is_off_scale() ->
     assert [ax.get_ylim() for ax in axes] == [pytest.approx((0.0, 4.0 + 0.24 * 3.5))] * 3
     assert [[text.get_text() for text in ax.texts] for ax in axes] == [[], ["body 0: 9 N, off scale"], []]
     assert _limits(_panel([NAN]), _panel([])) == [(0.0, 1.0)] * 2
+    # a panel without a first value has none off scale, however small those of the others are
+    small = [Figure().add_subplot() for _ in range(2)]
+    scale_together(small, [_panel([0.25, 0.5]), _panel([NAN], [])])
+    assert [ax.get_ylim() for ax in small] == [pytest.approx((0.0, 0.53))] * 2
+    assert [len(ax.texts) for ax in small] == [0, 0]
+    # the largest of several first values is named, wherever it stands in its panel
+    ax = Figure().add_subplot()
+    scale_together([ax], [_panel([1.0, 3.0], [9.0, 4.0], [7.0, 1.0])])
+    assert [text.get_text() for text in ax.texts] == ["body 0: 9 N, off scale"]
 
 
 def test_a_point_off_scale_is_named_by_its_own_place() -> None:
@@ -103,6 +112,9 @@ def test_a_logarithmic_axis_has_room_of_a_tenth_of_its_decades(setting: str) -> 
     assert _limits(panel) == [pytest.approx((1e-3 / 100.0**0.1, 1e-1 * 100.0**0.1))]
     assert _limits(_panel([5.0, 5.0], **{setting: True})) == [pytest.approx((5.0 / 1.02, 5.0 * 1.02))]
     assert _limits(_panel([0.0, -1.0], **{setting: True})) == [(0.0, 1.0)]
+    # a line without positive values leaves the axis to the others
+    for curves in (([2.0, 8.0], [-1.0, 0.0]), ([-1.0, 0.0], [2.0, 8.0])):
+        assert _limits(_panel(*curves, **{setting: True})) == [pytest.approx((2.0 / 4.0**0.1, 8.0 * 4.0**0.1))]
 
 
 # ticks
@@ -249,6 +261,7 @@ def test_a_colour_scale_without_an_extent_has_one() -> None:
     spike = np.zeros((2, 100))
     spike[0, 50] = 7.0
     assert colour_limits([_map(spike)]) == (0.0, 7.0, "neither")
+    assert colour_limits([_map(-spike)]) == (-7.0, 0.0, "neither")
 
 
 def test_panels_that_share_with_one_another_are_a_group() -> None:

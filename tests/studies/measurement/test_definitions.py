@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +15,8 @@ from scipy.stats import chi2
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
-from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.geometry import Body, Geometry, Material
+from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.studies.measurement.adjust import Adjusted, adjust, derivatives
 from dem_bridge.studies.measurement.comparison import compare
 from dem_bridge.studies.measurement.fit import chosen, fit_parameters
@@ -270,9 +272,11 @@ def test_values_at_their_limit_are_within() -> None:
     )  # fmt: skip
     assert both.share_within(1.0) == pytest.approx(2.0 / 3.0)
     assert both.words(1.0) == ["within", "larger", "within"]
-    unknown = _comparison(simulated=np.array([np.nan, 2.0, 12.0]), input=np.zeros(3), data=np.full(3, 0.1))
-    assert not unknown.decides("velocity", 0.1)
-    assert unknown.decides("peak_force", 0.1)
+    small: dict[str, Any] = {"input": np.zeros(3), "data": np.full(3, 0.1)}
+    values, missing = np.array([1.0, 2.0, 12.0]), np.array([np.nan, 2.0, 12.0])
+    for unknown in (_comparison(simulated=missing, **small), _comparison(simulated=values, measured=missing, **small)):
+        assert not unknown.decides("velocity", 0.1)
+        assert unknown.decides("peak_force", 0.1)
 
 
 @pytest.mark.parametrize(("size", "word"), [(2.0, 1.0), (0.5, 1.0), (3.0, 2.0)])
@@ -357,6 +361,18 @@ def test_parameters_without_an_effect_and_those_that_do_the_same_are_named() -> 
     assert _fitted(twice, parameters, 4, np.zeros(9), 1.0).undetermined == ("stiffness[0]", "stiffness[3]")
 
 
+@pytest.mark.parametrize(("share", "named"), [(0.125, True), (0.08, False)])
+def test_a_parameter_is_named_if_it_has_a_tenth_of_what_the_values_leave(share: float, named: bool) -> None:
+    # the third effect is the sum of the first and of a part of the second: a direction that moves no value
+    part = share * math.sqrt(2.0 / (1.0 - share**2))  # (-1, -part, sqrt(1 + part^2)) in effects of length 1
+    third = [1.0, part, 0.0]
+    prediction, parameters = _linear(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], third]).T)
+    direction = np.array([-1.0, -part, math.sqrt(1.0 + part**2)])
+    assert abs(direction[1]) / np.linalg.norm(direction) == pytest.approx(share, rel=0.05)
+    names = ("stiffness[0]", *(("stiffness[1]",) if named else ()), "stiffness[2]")
+    assert _fitted(prediction, parameters, 3, [0.0] * 3, 1.0).undetermined == names
+
+
 @pytest.mark.parametrize(("angle", "names"), [(0.9, ("stiffness[0]", "stiffness[1]")), (1.1, ())])
 def test_parameters_are_told_apart_by_a_thousandth(angle: float, names: tuple[str, ...]) -> None:
     # two effects of equal length whose directions differ by twice an angle: singular values are its cotangent apart
@@ -376,6 +392,10 @@ def test_ends_of_an_interval_are_those_of_the_likelihood_far_from_normal() -> No
     turned, parameters = _linear([[1.0]], bend=0.2)
     [found] = _fitted(turned, parameters, 1, [0.0], 1.0).fitted
     assert found.low == pytest.approx(-0.02 * 1.959964, rel=1e-3)
+    # a second value that no parameter moves adds 9 to the sum everywhere, and nothing to its differences
+    offset, parameters = _linear([[1.0], [0.0]], bend=0.4)
+    [found] = _fitted(offset, parameters, 1, [0.0, 3.0], 1.0).fitted
+    assert found.high == pytest.approx(0.02 * high, rel=0.02)
     bent, parameters = _linear([[1.0]], bend=3.0)
     [found] = _fitted(bent, parameters, 1, [0.0], 1.0).fitted
     assert found.high == pytest.approx(0.02 * (math.sqrt(1.0 + 12.0 * 1.959964) - 1.0) / 6.0, rel=0.03)
@@ -406,6 +426,75 @@ def test_an_angle_between_axes_is_at_most_a_right_one(change: float, angle: None
     between = math.degrees(math.acos(min(abs(float(first @ second)), 1.0)))
     assert turned.geometry.angle[3] == pytest.approx(between, abs=1e-6)
     assert turned.geometry.angle[:3] == scene.geometry.angle[:3]
+
+
+GLASS = Material(youngs_modulus=72e9, poissons_ratio=0.17, density=2200.0, name="glass")
+SPHERE = Body(shape="sphere", radius=9e-3, material=GLASS)
+CYLINDER = replace(SPHERE, shape="cylinder", height=18e-3)
+
+
+def _crossed(*angles: float | None) -> Scene:
+    """Return a chain that a sphere hits if the first of these angles is None, of cylinders if another is a number."""
+    alone = all(angle is None for angle in angles)
+    bodies = [SPHERE if angles[0] is None else CYLINDER, *(SPHERE if alone else CYLINDER for _ in angles)]
+    geometry = Geometry(bodies=tuple(bodies), angles=angles)
+    stiffness = tuple(geometry.contact(k).stiffness for k in range(len(angles)))
+    speed = (0.8, *(0.0,) * len(angles))
+    mass = tuple(body.mass for body in bodies)
+    return Scene(name="crossed", duration=2e-4, mass=mass, stiffness=stiffness, velocity=speed, geometry=geometry)
+
+
+@pytest.mark.parametrize(("change", "angle"), [(10.0, 40.0), (-10.0, 20.0), (-45.0, 15.0), (75.0, 75.0)])
+def test_a_turned_contact_has_the_stiffness_of_its_new_angle_and_others_keep_theirs(
+    change: float, angle: float
+) -> None:
+    scene = _crossed(None, 30.0, 50.0)
+    turned = changed(scene, parameters_of({"angle[1]": 0.1}, scene), [change])
+    expected = _crossed(None, angle, 50.0)
+    assert turned.stiffness == pytest.approx(expected.stiffness, rel=1e-9)
+    assert turned.stiffness[::2] == scene.stiffness[::2]
+    # all contacts that have an angle turn with the parameter of the whole scene
+    every = changed(scene, parameters_of({"angle": 0.1}, scene), [2.0])
+    assert every.stiffness == pytest.approx(_crossed(None, 32.0, 52.0).stiffness, rel=1e-9)
+    # relative to the stiffness that the scene states, which may be another than that of its geometry
+    own = replace(scene, stiffness=tuple(1.5 * value for value in scene.stiffness))
+    softer = changed(own, parameters_of({"angle[1]": 0.1}, own), [change])
+    assert softer.stiffness[1] == pytest.approx(1.5 * expected.stiffness[1], rel=1e-9)
+
+
+def test_a_chain_of_spheres_has_no_angle_to_turn() -> None:
+    with pytest.raises(UsageError, match="parameter angle: crossed has no contact angles; allowed: a scene with cyl"):
+        parameters_of({"angle": 0.1}, _crossed(None, None))
+
+
+def test_contacts_of_both_walls_change_in_the_order_of_their_places() -> None:
+    walls = {side: Wall(stiffness=value, exponent=2.0) for side, value in (("wall_left", 1e6), ("wall_right", 3e6))}
+    scene = replace(SPRING, **walls)  # type: ignore[arg-type]
+    declared = parameters_of({f"{kind}[{k}]": 0.1 for kind in ("stiffness", "exponent") for k in range(3)}, scene)
+    found = changed(scene, declared, [0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
+    assert found.wall_left is not None
+    assert found.wall_right is not None
+    of_walls = [(wall.stiffness, wall.exponent) for wall in (found.wall_left, found.wall_right)]
+    assert np.array(of_walls).ravel().tolist() == pytest.approx([1.2e6, 2.02, 3.9e6, 2.03], rel=1e-12)
+    assert (*found.stiffness, *np.atleast_1d(found.contacts.exponent[:1])) == pytest.approx((2.2e6, 2.01), rel=1e-12)
+
+
+def test_the_largest_of_several_changes_is_named_with_its_sign() -> None:
+    declared = parameters_of({"mass[0]": 0.5, "mass[1]": 0.5}, SPRING)
+    for changes, said in (([-1.2, 0.5], "-1.2"), ([0.5, -1.5], "-1.5"), ([-1.2, 1.5], "1.5")):
+        with pytest.raises(UsageError, match=rf"^parameter mass: a change by {re.escape(said)} gives an invalid scene"):
+            changed(SPRING, declared, changes)
+
+
+def test_a_body_without_contacts_has_values_that_go_with_its_start_velocity() -> None:
+    alone = Scene(name="alone", duration=1e-3, mass=(0.5,), stiffness=(), velocity=(2.0,))
+    time = np.array([1e-4, 9e-4])
+    reading = Reading(quantity="displacement", place=0, time=time, value=2.0 * time, uncertainty=0.0 * time + 1e-6)
+    prediction = Prediction(scene=alone, readings=(reading,))
+    assert prediction.frequency == 0.0
+    np.testing.assert_allclose(prediction.simulated, 2.0 * time, rtol=1e-9)
+    faster = prediction.at(parameters_of({"velocity": 0.01}, alone), [0.25])
+    np.testing.assert_allclose(faster, 2.5 * time, rtol=1e-9)
 
 
 def test_a_chain_of_cylinders_behind_a_ball_has_angles() -> None:
@@ -456,6 +545,30 @@ def test_four_values_of_a_pulse_are_enough() -> None:
     flat = _series(1, np.linspace(3e-4, 3.9e-4, 9), 0.001)
     rest = Prediction(scene=SPRING, readings=(flat,), backend="verlet", dt=2e-8)
     assert scalars_of(rest, compare(rest, (), count=3, seed=0)) == []
+
+
+@pytest.mark.parametrize("sigma", [1e-3, 1e-9])
+def test_a_pulse_whose_delay_looks_like_a_factor_is_not_read(sigma: float) -> None:
+    # a body slows down as exp(-b t) by its drag: a later pulse is a larger one
+    drag, mass = 2e3, 1e-3
+    alone = Scene(name="alone", duration=1e-3, mass=(mass,), stiffness=(), velocity=(0.8,), drag=drag)
+    time = np.linspace(1e-5, 9e-4, 20)
+    value = 0.8 * np.exp(-drag * time)
+    reading = Reading(quantity="velocity", place=0, time=time, value=value, uncertainty=np.full(20, sigma))
+    prediction = Prediction(scene=alone, readings=(reading,))
+    np.testing.assert_allclose(prediction.simulated, value, rtol=1e-6)
+    assert scalars_of(prediction, compare(prediction, (), count=3, seed=0)) == []
+
+
+def test_a_pulse_is_that_of_the_largest_value_and_of_its_time() -> None:
+    time = np.linspace(1e-6, 2.5e-4, 60)
+    for body, at in ((0, 0), (1, int(np.argmax(_exact(1, time))))):
+        reading = _series(body, time, 0.004)
+        prediction = Prediction(scene=SPRING, readings=(reading,), backend="verlet", dt=2e-8)
+        peak, arrival = scalars_of(prediction, compare(prediction, (), count=3, seed=0))
+        assert peak.simulated == pytest.approx(_exact(body, time)[at], rel=1e-4)
+        assert abs(arrival.simulated - time[at]) < 1e-12 or body == 1
+        assert _exact(1, np.array([arrival.simulated]))[0] == pytest.approx(_exact(1, time)[at], rel=1e-4)
 
 
 def test_peak_and_time_have_the_uncertainties_of_a_linear_fit() -> None:
@@ -543,6 +656,45 @@ def test_each_quantity_has_its_unit_place_and_times(
     )  # fmt: skip
     assert reading.time[0] == 1e-5 if sampled else math.isnan(reading.time[0])
     assert len(QUANTITIES) == 6
+
+
+@pytest.mark.parametrize("heading", ["arrival", "arrival_time"])
+def test_a_name_of_two_words_is_not_taken_for_a_name_and_a_unit(heading: str, tmp_path: Path) -> None:
+    [reading] = _read(tmp_path, f"body,{heading}_us,{heading}_uncertainty_us\n1,50,2\n")
+    assert (reading.quantity, reading.value[0], reading.uncertainty[0]) == (
+        "arrival", pytest.approx(5e-5), pytest.approx(2e-6),
+    )  # fmt: skip
+    with pytest.raises(UsageError, match=f"column '{heading}' has no unit; write {heading}_s"):
+        _read(tmp_path, f"body,{heading},uncertainty_s\n1,50,2\n")
+
+
+@pytest.mark.parametrize(
+    ("quantity", "units"),
+    [("displacement", ("m", "mm", "um", "µm", "nm")), ("force", ("N", "kN", "mN")), ("arrival", ("s", "ms", "us"))],
+)
+def test_the_uncertainty_of_all_places_has_a_unit_of_its_own(
+    quantity: str, units: tuple[str, ...], tmp_path: Path
+) -> None:
+    values = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "N": 1.0, "kN": 1e3, "mN": 1e-3}
+    values |= {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+    for unit in units:
+        text = f"time_s,body,contact,{quantity}_{units[0]},uncertainty_{unit}\n1e-5,0,0,0.5,0.25\n"
+        [reading] = _read(tmp_path, text)
+        assert (reading.value[0], reading.uncertainty[0]) == (0.5, pytest.approx(0.25 * values[unit]))
+
+
+def test_values_of_several_files_stand_in_the_order_of_their_times(tmp_path: Path) -> None:
+    head = "time_us,body,velocity_m_per_s,uncertainty_m_per_s\n"
+    (tmp_path / "a.csv").write_text(head + "# comment\n\n30,1,0.3,0.03\n10,1,0.1,0.01\n")
+    (tmp_path / "b.csv").write_text(head + "20,1,0.2,0.02\n5,0,0.5,0.05\n")
+    zero, one = read_measurement([tmp_path / "a.csv", tmp_path / "b.csv"], SPRING)
+    assert (zero.place, one.place) == (0, 1)
+    assert (one.value.tolist(), one.uncertainty.tolist()) == ([0.1, 0.2, 0.3], [0.01, 0.02, 0.03])
+    assert one.time == pytest.approx([1e-5, 2e-5, 3e-5])
+    # lines are counted with comments and empty ones
+    (tmp_path / "b.csv").write_text("# comment\n\n" + head + "20,2,0.2,0.02\n")
+    with pytest.raises(UsageError, match=r"b\.csv: line 4: body = 2; allowed: a whole number from 0 to 1"):
+        read_measurement([tmp_path / "a.csv", tmp_path / "b.csv"], SPRING)
 
 
 def test_a_line_without_the_delimiter_of_the_headings_is_refused_by_its_number(tmp_path: Path) -> None:
