@@ -132,5 +132,5 @@ print(sorted({f"{kernel.__module__}.{kernel.__name__}" for kernel in live.caller
 print(len(live.callers([])), [kernel.__name__ for kernel in live.callers([lanes.march])])
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    names = ("lanes.march", "touch.law_power", "touch.touch_defect")
+    names = ("lanes._fill", "lanes.march", "touch.law_power", "touch.touch_defect")
     assert done.stdout == f"{[f'dem_bridge.ensembles.{name}' for name in names]}\n0 ['march']\n"

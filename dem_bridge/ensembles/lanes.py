@@ -46,6 +46,20 @@ def _cubic(part: float, step: float, v0: float, a0: float, v1: float, a1: float)
     return v0 + step * part * (a0 + part * (0.5 * tilt + part * bend / 3.0))
 
 
+@kernel(nogil=False)
+def _deepest(
+    s0: float, s1: float, closing: float, opening: float, bend0: float, bend1: float, step: float
+) -> tuple[float, float]:
+    """Return the part of a step at which an overlap turns from growing to falling, and the overlap there.
+
+    The numbers are overlap, its rate and acceleration at both ends of the step.
+    """
+    square = step * step
+    c0, c1, c2, c3, c4, c5 = quintic(s0, s1, step * closing, step * opening, square * bend0, square * bend1)
+    part = first_turn(c1, c2, c3, c4, c5, step * opening)
+    return part, c0 + part * (c1 + part * (c2 + part * (c3 + part * (c4 + part * c5))))
+
+
 @kernel()
 def march(
     mass: Floats, velocity: Floats, weight: Floats, stiffness: Floats, overlap: Floats, exponent: Floats, law: int,
@@ -68,26 +82,16 @@ def march(
     f, a, u = np.zeros(size), np.zeros(size), v.copy()
     s0, u0, a0 = np.zeros(size), np.zeros(size), np.zeros(size)
     # the same arrays from the next place on: an index that cannot be negative lets the compiler use whole vectors
-    rate_next, v_next, w_next, f_next, u_next, a_next = (
-        rate[lanes:],
-        v[lanes:],
-        w[lanes:],
-        f[lanes:],
-        u[lanes:],
-        a[lanes:],
-    )
-    u0_next, a0_next = u0[lanes:], a0[lanes:]
-    peak = np.zeros(size - lanes)
+    rate_next, v_next, w_next, f_next = rate[lanes:], v[lanes:], w[lanes:], f[lanes:]
+    u_next, a_next, u0_next, a0_next = u[lanes:], a[lanes:], u0[lanes:], a0[lanes:]
+    _fill(0, size - lanes, 1, lanes, step, law, exponent, beta, rate, w, s, f, a)
+    peak = f[: size - lanes].copy()
     fastest, crossing = v[: size - lanes].copy(), np.full(size - lanes, np.inf)
     # the last body hands the impulse on to nobody, not to a wall either
     front, last_body = 0, (places - 2) * lanes
     for j in range(size - lanes):
-        f[j] = beta[j] * law_power(s[j], law, exponent[j // lanes])
-        peak[j] = f[j]
         if v[j] != 0.0 or w[j] != 0.0 or f[j] != 0.0:
             front = min(j // lanes + 1, places - 2)
-    for j in range(lanes, size - lanes):
-        a[j] = rate[j] / step * (w[j] + f[j - lanes] - f[j])
     keep = steps // (kept.shape[1] - 1) if kept.shape[1] > 1 else 0
     for nth in range(steps):
         if keep > 0 and nth % keep == 0:
@@ -135,10 +139,7 @@ def march(
                         moment = step * impulse - moment
                     if impulse != 0.0:
                         _correct(j, lanes, impulse / step, moment / step, rate, v, u, s)
-                        for i in range(max(j - lanes, 0), min(j + 2 * lanes, size - lanes), lanes):
-                            f[i] = beta[i] * law_power(s[i], law, exponent[i // lanes])
-                        for i in range(max(j - lanes, lanes), min(j + 3 * lanes, size - lanes), lanes):
-                            a[i] = rate[i] / step * (w[i] + f[i - lanes] - f[i])
+                        _fill(j - lanes, j + 2 * lanes, lanes, lanes, step, law, exponent, beta, rate, w, s, f, a)
         while most > front and np.all(u[most * lanes : end] == 0.0) and np.all(f[(most - 1) * lanes : end] == 0.0):
             most -= 1
         front = most
@@ -156,12 +157,7 @@ def march(
                 bend = max(abs(bend0), abs(bend1)) if falls else min(abs(bend0), abs(bend1))
                 deep, felt = max(s0[j], s[j]) > 0.0, bend >= rest[j]
                 if deep and felt and may_turn(closing, opening, bend0, bend1, step):
-                    square = step * step
-                    c0, c1, c2, c3, c4, c5 = quintic(
-                        s0[j], s[j], step * closing, step * opening, square * bend0, square * bend1
-                    )
-                    part = first_turn(c1, c2, c3, c4, c5, step * opening)
-                    depth = c0 + part * (c1 + part * (c2 + part * (c3 + part * (c4 + part * c5))))
+                    part, depth = _deepest(s0[j], s[j], closing, opening, bend0, bend1, step)
                     if depth > 0.0:
                         if crossing[j] == np.inf:
                             crossing[j] = (nth + part) * step
@@ -177,9 +173,20 @@ def march(
             fastest[j] = u[j] if (u[j] > fastest[j]) & open_still else fastest[j]
     if keep > 0:
         _store(kept, steps // keep, u, lanes)
-    for j in range(size - lanes):
-        fastest[j] = fastest[j] if np.isfinite(u[j]) else np.nan
+    fastest = np.where(np.isfinite(u[: size - lanes]), fastest, np.nan)
     return np.where(crossing < np.inf, crossing, np.nan), peak, fastest
+
+
+@kernel(nogil=False)
+def _fill(
+    first: int, end: int, stride: int, lanes: int, step: float, law: int, exponent: Floats, beta: Floats, rate: Floats,
+    w: Floats, s: Floats, f: Floats, a: Floats,
+) -> None:  # fmt: skip
+    """Fill in the forces of the contacts from ``first`` to ``end``, and the accelerations next to them."""
+    for i in range(max(first, 0), min(end, len(s)), stride):
+        f[i] = beta[i] * law_power(s[i], law, exponent[i // lanes])
+    for i in range(max(first, lanes), min(end + lanes, len(s)), stride):
+        a[i] = rate[i] / step * (w[i] + f[i - lanes] - f[i])
 
 
 @kernel(nogil=False)
