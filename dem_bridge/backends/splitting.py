@@ -178,7 +178,7 @@ def _march(
         reach, start = along(distance), bodies(places)
         # the walls' own: where there is none nothing is pressed
         start[0], start[n + 1 :] = (np.sum(wall[side]) for side in (c.left == n, c.right == n))
-    v, x, force, a, overlap, top, farthest, where, sides = interruptible(
+    kept, top, farthest, where, sides = interruptible(
         advance,
         n,
         first,
@@ -203,7 +203,7 @@ def _march(
     largest = np.empty(scene.n_contact)
     largest[line] = top[first:last]
     turns = Turns(line[where[:, 1] - first], before, after - before, *sides.reshape(-1, 2, 4).transpose(2, 1, 0))
-    return Dense(v, x, a, overlap, force), farthest, largest, turns
+    return Dense(*kept), farthest, largest, turns
 
 
 def line_of(scene: Scene) -> NDArray[np.int64]:
