@@ -137,7 +137,7 @@ def _stepped(
         integrate,
         np.array(scene.mass),
         np.array(scene.velocity),
-        (c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power, c.clip, c.pull_off),
+        Laws(c.left, c.right, c.stiffness, c.exponent, c.gap, c.damping, c.damping_power, c.clip, c.pull_off),
         len(scene.stiffness),
         scene.drag,
         scene.gravity,
@@ -212,8 +212,19 @@ def line_of(scene: Scene) -> NDArray[np.int64]:
     return np.argsort(np.where(c.left == scene.n_body, -1, every), kind="stable")
 
 
-def places_of(scene: Scene, radius: Radius) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Distance at touch of each contact, start positions of the bodies and position of the wall of each contact, m."""
+class Frame(NamedTuple):
+    """Where the contacts of a scene are if bodies have positions; all are 0 without a radius."""
+
+    reach: Floats
+    """Distance at touch of each contact, m."""
+    start: Floats
+    """Positions of the bodies at the start, m."""
+    wall: Floats
+    """Position of the wall of each contact, m."""
+
+
+def places_of(scene: Scene, radius: Radius) -> Frame:
+    """Return the distances at touch, the start positions of the bodies and the positions of the walls."""
     c, links = scene.contacts, len(scene.stiffness)
     first, gap = int(scene.wall_left is not None), c.gap[line_of(scene)]
     if isinstance(radius, np.ndarray):
@@ -231,28 +242,49 @@ def places_of(scene: Scene, radius: Radius) -> tuple[NDArray[np.float64], NDArra
         line = line + (np.rint(gaps / grid) * grid).astype(float)
     start = line[first : first + scene.n_body]
     wall = np.where(c.left == scene.n_body, line[0], line[-1])
-    return reach, start, wall
+    return Frame(reach, start, wall)
+
+
+class Laws(NamedTuple):
+    """The arrays of a scene's contacts that the kernel needs; see :class:`~dem_bridge.scene.contacts.Contacts`."""
+
+    left: Ints
+    right: Ints
+    stiffness: Floats
+    exponent: Floats
+    gap: Floats
+    damping: Floats
+    damping_power: Floats
+    clip: bool
+    pull_off: Floats
+
+
+@kernel(nogil=False)
+def table_force(row: int, overlap: float, tables: Tables) -> float:
+    """Force, N, at an overlap > 0 by one of the tables; scalar, for kernels."""
+    r = tables.diameter - overlap
+    cells = tables.frame[row]
+    # beyond the table LAMMPS stops; a coarse twin beside it goes on with its innermost force
+    squared = max(r * r, cells[0])
+    return r * pair_force(squared, cells[0], cells[1], cells[2], cells[3], tables.value[row], tables.second[row])
 
 
 @kernel()
 def integrate(
-    mass: Floats, velocity: Floats, contacts: tuple[Ints, Ints, Floats, Floats, Floats, Floats, Floats, bool, Floats],
-    links: int, drag: float, gravity: float, load: Floats, driven: Driven, method: Method, dt: float,
-    dense_steps: Ints, frame: tuple[Floats, Floats, Floats], tables: Tables, curves: Curves,
+    mass: Floats, velocity: Floats, contacts: Laws, links: int, drag: float, gravity: float, load: Floats,
+    driven: Driven, method: Method, dt: float, dense_steps: Ints, frame: Frame, tables: Tables, curves: Curves,
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:  # fmt: skip
     """Integrate a scene by the kicks and drifts of a :class:`Method`.
 
     The results are velocity, displacement, acceleration ``(n_dense, n_body + 1)`` (last column: the walls, 0), overlap
-    and force ``(n_dense, n_contact)`` at ``dense_steps``. ``contacts``: the arrays of a scene's contacts from ``left``
-    to ``pull_off``, of which the first ``links`` are those of the chain; ``frame``: the result of :func:`places_of`;
+    and force ``(n_dense, n_contact)`` at ``dense_steps``. The first ``links`` of the contacts are those of the chain;
     ``load (n_body,)``: the constant force on each body beside its weight, N; ``driven``: the drive of body 0.
 
     With n = 5/2 the force is ``beta s sqrt(s)``: only exact powers of two appear when v0 -> 32 v0 and
     dt -> dt/2, so such runs repeat bit for bit.
     """
     left, right, stiffness, exponent, gap, damping, damping_power, clip, pull_off = contacts
-    drifts, kicks = method
-    reach, start, wall = frame
+    (drifts, kicks), (reach, start, wall) = method, frame
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
     tabled, curved = tables.law.shape[0] > 0, curves.law.shape[0] > 0
     hertz, damped, adhesive = np.all(exponent == 2.5), np.any(damping > 0.0), np.any(pull_off > 0.0)
@@ -261,22 +293,14 @@ def integrate(
     ends = np.cumsum(drifts)
     ends[-1] = 1.0
     positional = np.any(reach > 0.0)
-    v = np.zeros(n_body + 1)
+    v, x, force = np.zeros(n_body + 1), np.zeros(n_body + 1), np.zeros(n_contact)
     v[:n_body] = velocity
-    x = np.zeros(n_body + 1)
-    force = np.zeros(n_contact)
-    net = np.zeros(n_body + 1)
-    push = np.zeros(n_body + 1)
-    push[:n_body] = dt / mass
-    weight = np.zeros(n_body + 1)
-    weight[:n_body] = mass * gravity + load
-    overlap = -gap
-    position = start.copy()
-    out_v = np.zeros((n_dense, n_body + 1))
-    out_x = np.zeros((n_dense, n_body + 1))
+    net, push, weight = np.zeros(n_body + 1), np.zeros(n_body + 1), np.zeros(n_body + 1)
+    push[:n_body], weight[:n_body] = dt / mass, mass * gravity + load
+    overlap, position = -gap, start.copy()
+    out_v, out_x = np.zeros((n_dense, n_body + 1)), np.zeros((n_dense, n_body + 1))
     out_a = np.zeros((n_dense, n_body + 1))
-    out_overlap = np.zeros((n_dense, n_contact))
-    out_force = np.zeros((n_dense, n_contact))
+    out_overlap, out_force = np.zeros((n_dense, n_contact)), np.zeros((n_dense, n_contact))
     step = 0
     for row in range(n_dense):
         while step <= dense_steps[row]:
@@ -313,12 +337,7 @@ def integrate(
                     if closed == 0.0:
                         force[k] = 0.0
                     elif row_of >= 0:
-                        r = tables.diameter - closed
-                        cells = tables.frame[row_of]
-                        # beyond the table LAMMPS stops; a coarse twin beside it goes on with its innermost force
-                        squared = max(r * r, cells[0])
-                        value, second = tables.value[row_of], tables.second[row_of]
-                        force[k] = r * pair_force(squared, cells[0], cells[1], cells[2], cells[3], value, second)
+                        force[k] = table_force(row_of, closed, tables)
                     elif curved:
                         force[k] = curve_force(k, closed, curves)
                     elif hertz and not tabled:

@@ -74,7 +74,7 @@ TWIN_FAULTS: dict[str, Fault[Changes]] = {
 #: only overlaps start from it: the twin in positions is another code there, and at one with LAMMPS. With wider gaps the
 #: difference of the two, which is taken for round-off, would be as large as the values, and nothing could be explained
 GAP_OF_THE_WRONG_SIGN: Fault[Changes] = Fault(
-    plant=[("overlap = -gap", "overlap = gap.copy()")], shows=minus(TWIN, "velocity") | TWIN_ERROR
+    plant=[("= -gap, start", "= gap.copy(), start")], shows=minus(TWIN, "velocity") | TWIN_ERROR
 )
 #: no weight in the free scene
 WEIGHT_WITHOUT_MASS: Fault[Changes] = Fault(
