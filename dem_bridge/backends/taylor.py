@@ -16,7 +16,9 @@ nothing until a collision, whose time waits in a heap. The index n_body stands f
 
 from __future__ import annotations
 
+from enum import IntEnum
 from heapq import heappop, heappush
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,18 +31,104 @@ _TAIL = 5
 _PATIENCE = 500_000
 
 
-@kernel()
-def _series(
-    order: int, near: int, bodies: int, contacts: int, closed: Bools, a: Ints, b: Ints, stiffness: Floats,
-    exponent: Floats, overlap: Floats, velocity: Floats, position: Floats, inverse: Floats, weight: Floats, w: Floats,
-    power: Floats, t: Floats, v: Floats, x: Floats, s: Floats, u: Floats, f: Floats, g: Floats,
-) -> None:  # fmt: skip
-    """All series around the present moment. ``near``: the local contact that sets dt = w dr (-1: dt = dr).
+class Event(IntEnum):
+    """What ends a step."""
 
-    Local arrays: ``a``, ``b`` left and right body of each contact; ``weight`` the free acceleration of each body.
-    Filled: ``w``, ``t``, ``v``, ``x`` per body; overlap ``s``, closing rate ``u``, force ``f`` per contact; ``g``
-    acceleration.
-    """
+    #: the length for which the series serve
+    NONE = 0
+    #: the nearest contact opens
+    OPENS = 1
+    #: a contact closes
+    CLOSES = 2
+    #: a contact at rest in touch is pressed until its force is felt
+    FELT = 3
+    #: the end of the run, or a collision of bodies that coast
+    STOPS = 4
+
+
+class _Bodies(NamedTuple):
+    """All bodies and the wall, ``(n_body + 1,)``."""
+
+    x: Floats
+    v: Floats
+    t: Floats
+    """When ``x`` and ``v`` were so."""
+    inverse: Floats
+    """1 by mass."""
+    weight: Floats
+    """Acceleration without contact."""
+    where: Ints
+    """Place among those that have series, -1: none."""
+
+
+class _Contacts(NamedTuple):
+    """All contacts, ``(n_contact,)``."""
+
+    left: Ints
+    right: Ints
+    stiffness: Floats
+    exponent: Floats
+    touch: Floats
+    resting: Floats
+    s: Floats
+    """Overlap."""
+    t: Floats
+    """When it was so."""
+    shut: Bools
+    seen: Bools
+    """Whether the contact is among those that have series."""
+    stamp: Ints
+    """Number of the only valid entry in the heap."""
+    shut_list: Ints
+    """The closed contacts, one more than there can be."""
+    shut_at: Ints
+    """Place in that list."""
+    deepest: Floats
+    crossing: Floats
+
+
+class _Local(NamedTuple):
+    """Those that need series now."""
+
+    body: Ints
+    contact: Ints
+    a: Ints
+    """Left body of each contact, by its place here; ``b`` right body."""
+    b: Ints
+    closed: Bools
+    stiffness: Floats
+    exponent: Floats
+    touch: Floats
+    overlap: Floats
+    position: Floats
+    velocity: Floats
+    inverse: Floats
+    weight: Floats
+
+
+class _Series(NamedTuple):
+    """Coefficients of all series of a step."""
+
+    w: Floats
+    power: Floats
+    """Row q is w^(q+2)."""
+    t: Floats
+    v: Floats
+    """``(n_body, order + 1)``."""
+    x: Floats
+    g: Floats
+    """Acceleration."""
+    s: Floats
+    """``(n_contact, order + 1)``."""
+    u: Floats
+    f: Floats
+
+
+@kernel()
+def _expand(order: int, near: int, bodies: int, contacts: int, local: _Local, series: _Series) -> None:
+    """Make all series around the present moment. ``near``: the local contact that sets dt = w dr (-1: dt = dr)."""
+    _, _, a, b, closed, stiffness, exponent, _, overlap, position, velocity, inverse, weight = local
+    w, power, t, v, x, g, s, u, f = series
     w[: order + 1] = 0.0
     t[0] = 0.0
     w[0] = 1.0
@@ -109,11 +197,11 @@ def _series(
 
 
 @kernel()
-def _step(
-    order: int, near: int, bodies: int, contacts: int, closed: Bools, overlap: Floats, speed: float, touch: Floats,
-    accuracy: float, v: Floats, s: Floats,
-) -> float:  # fmt: skip
-    """Length of a step for which the last coefficients contribute ``accuracy`` of speeds and overlaps."""
+def _length(
+    order: int, near: int, bodies: int, contacts: int, speed: float, accuracy: float, local: _Local, series: _Series
+) -> float:
+    """Return the length of a step for which the last coefficients contribute ``accuracy`` of speeds and overlaps."""
+    closed, touch, overlap, v, s = local.closed, local.touch, local.overlap, series.v, series.s
     step = np.inf
     for o in range(order - _TAIL + 1, order + 1):
         largest = 0.0
@@ -124,7 +212,116 @@ def _step(
                 largest = max(largest, abs(s[j, o]) / max(overlap[j], touch[j]))
         if largest > 0.0:
             step = min(step, (accuracy / largest) ** (1.0 / o))
+    if not step < np.inf:
+        step = 1.0
+    # a closed contact other than the nearest must stay well away from its own singularity
+    for q in range(contacts):
+        if closed[q] and q != near:
+            for _ in range(80):
+                if value(s[q], order, step) > 0.1 * overlap[q]:
+                    break
+                step *= 0.7
     return step
+
+
+@kernel()
+def _nearest(bodies: int, contacts: int, local: _Local, every: _Bodies, of: _Contacts) -> int:
+    """Take over the present state, and return the closed contact that is nearest to its opening or closing."""
+    x_all, v_all, s_all, shut = every.x, every.v, of.s, of.shut
+    body, contact, a, b, closed, _, _, touch, overlap, position, velocity, _, _ = local
+    for q in range(bodies):
+        position[q], velocity[q] = x_all[body[q]], v_all[body[q]]
+    near, least = -1, np.inf
+    for q in range(contacts):
+        overlap[q] = s_all[contact[q]]
+        if shut[contact[q]]:
+            rate = velocity[a[q]] - velocity[b[q]]
+            soon = max(overlap[q], 0.0) / abs(rate) if rate != 0.0 else np.inf
+            if soon < least or near < 0:
+                near, least = q, soon
+    # of contacts that close at the same moment one is the nearest; the others wait until they are felt
+    for q in range(contacts):
+        closed[q] = shut[contact[q]] and (q == near or overlap[q] >= touch[q])
+    return near
+
+
+@kernel()
+def _event(
+    order: int, near: int, contacts: int, length: float, now: float, stop: float, local: _Local,
+    series: _Series, turns: Floats,
+) -> tuple[float, Event, int]:  # fmt: skip
+    """Return where a step ends, at most at its ``length``, what ends it, and which local contact that is.
+
+    ``stop``: time at which it ends at the latest; ``turns``: room for turning points.
+    """
+    w, t, r, event, which = series.w, series.t, length, Event.NONE, -1
+    if value(t, order, r) > stop - now and value(w, order, r) > 0.0:
+        r, event = root(t, order, stop - now, 0.0, r), Event.STOPS
+    if value(w, order, r) <= 0.0:
+        low = 0.0
+        if w[0] == 0.0:  # it has just closed: look for the next zero
+            low = 1e-3 * r
+            while value(w, order, low) <= 0.0 and low > 0.0:
+                low *= 0.1
+        r, event, which = root(w, order, 0.0, low, r), Event.OPENS, near
+        if now + value(t, order, r) > stop:
+            r, event, which = root(t, order, stop - now, 0.0, r), Event.STOPS, -1
+    a, b, closed, touch, overlap = local.a, local.b, local.closed, local.touch, local.overlap
+    s, u, g = series.s, series.u, series.g
+    for q in range(contacts):
+        if closed[q]:
+            continue
+        # at rest in touch, and then pressed: force begins where it begins to be felt
+        level = 0.0 if overlap[q] < 0.0 else touch[q]
+        if overlap[q] + swing(s[q], order, r) <= level:
+            continue
+        upto = r
+        count, falls = turning_points(u[q], order, r, turns)
+        for turn in range(0 if falls else 1, count, 2):
+            if value(s[q], order, turns[turn]) > level:
+                upto = turns[turn]  # it may come and go
+                break
+        if value(s[q], order, upto) <= level:
+            continue
+        at = root(s[q], order, level, 0.0, upto)
+        if level == 0.0:
+            pull = value(g[a[q]], order, at) - value(g[b[q]], order, at)
+            if _is_slow(value(u[q], order, at), pull, touch[q]):
+                level = touch[q]
+                if value(s[q], order, upto) <= level:
+                    continue
+                at = root(s[q], order, level, at, upto)
+        r, event, which = at, Event.CLOSES if level == 0.0 else Event.FELT, q
+    return r, event, which
+
+
+@kernel()
+def _compress(
+    order: int, contacts: int, r: float, now: float, local: _Local, series: _Series, of: _Contacts, turns: Floats
+) -> None:
+    """Note the maximal compressions within a step of length ``r``."""
+    contact, a, b, closed, s, u, g, t = (
+        local.contact,
+        local.a,
+        local.b,
+        local.closed,
+        series.s,
+        series.u,
+        series.g,
+        series.t,
+    )
+    deepest, crossing, resting = of.deepest, of.crossing, of.resting
+    for q in range(contacts):
+        if not closed[q]:
+            continue
+        j = contact[q]
+        count, falls = turning_points(u[q], order, r, turns)
+        for turn in range(0 if falls else 1, count, 2):
+            top = turns[turn]
+            deepest[j] = max(deepest[j], value(s[q], order, top))
+            pull = value(g[b[q]], order, top) - value(g[a[q]], order, top)
+            if np.isnan(crossing[j]) and abs(pull) >= resting[j]:
+                crossing[j] = now + value(t, order, top)
 
 
 @kernel()
@@ -143,241 +340,222 @@ def integrate(
     contact below which its force is nothing; ``resting``: its closing acceleration below which it is at rest; after
     ``most_steps``, or where their coefficients are beyond doubles, it gives up, and velocities are nan from there on.
     """
-    c_left, c_right, stiffness, exponent, gap = all_contacts
-    n, k, rows, end = mass.shape[0], c_left.shape[0], times.shape[0], times[-1]
-    x_all, v_all, t_all = np.zeros(n + 1), np.zeros(n + 1), np.zeros(n + 1)
-    v_all[:n] = velocity
-    inverse_all, weight_all = np.zeros(n + 1), np.zeros(n + 1)
-    inverse_all[:n] = 1.0 / mass
-    weight_all[:n] = free
-    s_all, ts_all = -gap, np.zeros(k)
-    shut = np.zeros(k, dtype=np.bool_)
-    stamp = np.zeros(k, dtype=np.int64)
+    left, right, stiffness, exponent, gap = all_contacts
+    n, k, rows, end = mass.shape[0], left.shape[0], times.shape[0], times[-1]
+    x, v, t, _, weight, _ = every = _all_bodies(mass, velocity, free)
+    s, ts, deepest, crossing = -gap, np.zeros(k), np.maximum(-gap, 0.0), np.full(k, np.nan)
+    shut, seen, stamp = np.zeros(k, dtype=np.bool_), np.zeros(k, dtype=np.bool_), np.zeros(k, dtype=np.int64)
+    shut_list, shut_at = np.empty(k + 1, dtype=np.int64), np.empty(k, dtype=np.int64)
+    of = _Contacts(
+        left, right, stiffness, exponent, touch, resting, s, ts, shut, seen, stamp, shut_list, shut_at, deepest,
+        crossing,
+    )  # fmt: skip
+    local, series, turns = _room(n + 2, k + 1), _room_of_series(n + 2, k + 1, order), np.empty(MOST_TURNS)
+    contact, t_series = local.contact, series.t
     out_x, out_v, out_f = np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, k))
-    deepest, crossing = np.maximum(s_all, 0.0), np.full(k, np.nan)
-    # local: those that need series now
-    cap = n + 2
-    body, contact = np.empty(cap, dtype=np.int64), np.empty(k + 1, dtype=np.int64)
-    where = np.full(n + 1, -1, dtype=np.int64)
-    seen = np.zeros(k, dtype=np.bool_)
-    shut_list, shut_at, shut_count = np.empty(k + 1, dtype=np.int64), np.empty(k, dtype=np.int64), 0
-    a, b = np.empty(k + 1, dtype=np.int64), np.empty(k + 1, dtype=np.int64)
-    closed = np.empty(k + 1, dtype=np.bool_)
-    stiff, expo, tiny, overlap = np.empty(k + 1), np.empty(k + 1), np.empty(k + 1), np.empty(k + 1)
-    pos, vel, inv, wei = np.empty(cap), np.empty(cap), np.empty(cap), np.empty(cap)
-    w, t_series, power = np.empty(order + 1), np.empty(order + 1), np.empty((8, order + 1))
-    v, x, g = np.empty((cap, order + 1)), np.empty((cap, order + 1)), np.empty((cap, order + 1))
-    s, u, f = np.empty((k + 1, order + 1)), np.empty((k + 1, order + 1)), np.empty((k + 1, order + 1))
-    turns = np.empty(MOST_TURNS)
-    bodies, contacts = 0, 0
+    bodies, contacts, shut_count = 0, 0, 0
     heap = [(np.inf, -1, -1)]
     for j in range(k):
-        if s_all[j] > touch[j]:
-            shut[j] = True
-            shut_list[shut_count], shut_at[j] = j, shut_count
-            shut_count += 1
+        if s[j] > touch[j]:
+            shut_count = _shut(j, shut, shut_list, shut_at, shut_count)
         else:
-            _await(heap, j, 0, 0.0, c_left[j], c_right[j], s_all, v_all, weight_all, touch)
+            _await(heap, j, 0, 0.0, left[j], right[j], s, v, weight, touch)
     now, row, steps, opened, shuttings, dirty = 0.0, 0, 0, 0, 0, True
     idle, since, patience = 0, 0.0, min(_PATIENCE, most_steps)
     while row < rows and steps < most_steps and now >= 0.0:
         if dirty:
-            idle, since = 0, now
-            # states of all that had series are already those of this moment
-            for i in range(bodies):
-                where[body[i]] = -1
-            old = contacts
-            for j in range(old):
-                seen[contact[j]] = False
-            former = contact[:old].copy()
-            bodies, contacts = 0, 0
-            for q in range(shut_count):
-                bodies = _join(shut_list[q], c_left, c_right, seen, contact, contacts, where, body, bodies)
-                contacts += 1
-            driven = bodies
-            for q in range(driven):
-                i = body[q]
-                if i == n:
-                    continue
-                for j in (of_left[i], of_right[i]):
-                    if j >= 0 and not seen[j]:
-                        bodies = _join(j, c_left, c_right, seen, contact, contacts, where, body, bodies)
-                        contacts += 1
-            for q in range(bodies):
-                i = body[q]
-                _coast(i, now, x_all, v_all, t_all, weight_all)
-                inv[q], wei[q] = inverse_all[i], weight_all[i]
-            for q in range(contacts):
-                j = contact[q]
-                lag = now - ts_all[j]
-                if lag > 0.0 and not shut[j]:
-                    rate = v_all[c_left[j]] - v_all[c_right[j]]
-                    pull = weight_all[c_left[j]] - weight_all[c_right[j]]
-                    s_all[j] += lag * (rate - 0.5 * lag * pull)
-                ts_all[j] = now
-                stamp[j] += 1
-                a[q], b[q] = where[c_left[j]], where[c_right[j]]
-                stiff[q], expo[q], tiny[q] = stiffness[j], exponent[j], touch[j]
-            for j in former:
-                if not seen[j]:
-                    # both its bodies coast now
-                    stamp[j] += 1
-                    _await(heap, j, stamp[j], now, c_left[j], c_right[j], s_all, v_all, weight_all, touch)
-            dirty = False
+            idle, since, dirty = 0, now, False
+            bodies, contacts = _gather(
+                now, bodies, contacts, shut_count, heap, of_left, of_right, local, every, of
+            )  # fmt: skip
         while heap[0][1] >= 0 and heap[0][2] != stamp[heap[0][1]]:
             heappop(heap)
         due = heap[0][0]
         steps, idle = steps + 1, idle + 1
         if idle == patience and (now - since) * most_steps < (end - now) * patience:
             break  # at this pace the end is beyond reach
-        kind, which, near, r = 0, -1, -1, 0.0
+        event, which, near, r = Event.NONE, -1, -1, 0.0
         stop = min(due, end)
         if shut_count > 0:
-            for q in range(bodies):
-                pos[q], vel[q] = x_all[body[q]], v_all[body[q]]
-            least = np.inf
-            for q in range(contacts):
-                overlap[q] = s_all[contact[q]]
-                if shut[contact[q]]:
-                    rate = vel[a[q]] - vel[b[q]]
-                    soon = max(overlap[q], 0.0) / abs(rate) if rate != 0.0 else np.inf
-                    if soon < least or near < 0:
-                        near, least = q, soon
-            # of contacts that close at the same moment one is the nearest; the others wait until they are felt
-            for q in range(contacts):
-                closed[q] = shut[contact[q]] and (q == near or overlap[q] >= tiny[q])
-            _series(
-                order, near, bodies, contacts, closed, a, b, stiff, expo, overlap, vel, pos, inv, wei,
-                w, power, t_series, v, x, s, u, f, g,
-            )  # fmt: skip
-            r = _step(order, near, bodies, contacts, closed, overlap, speed, tiny, accuracy, v, s)
-            if not r < np.inf:
-                r = 1.0
-            # a closed contact other than the nearest must stay well away from its own singularity
-            for q in range(contacts):
-                if closed[q] and q != near:
-                    for _ in range(80):
-                        if value(s[q], order, r) > 0.1 * overlap[q]:
-                            break
-                        r *= 0.7
-            if value(t_series, order, r) > stop - now and value(w, order, r) > 0.0:
-                r = root(t_series, order, stop - now, 0.0, r)
-                kind = 4
-            if value(w, order, r) <= 0.0:
-                low = 0.0
-                if w[0] == 0.0:  # it has just closed: look for the next zero
-                    low = 1e-3 * r
-                    while value(w, order, low) <= 0.0 and low > 0.0:
-                        low *= 0.1
-                r = root(w, order, 0.0, low, r)
-                kind, which = 1, near
-                if now + value(t_series, order, r) > stop:
-                    r = root(t_series, order, stop - now, 0.0, r)
-                    kind, which = 4, -1
-            for q in range(contacts):
-                if closed[q]:
-                    continue
-                # at rest in touch, and then pressed: force begins where it begins to be felt
-                level = 0.0 if overlap[q] < 0.0 else tiny[q]
-                if overlap[q] + swing(s[q], order, r) <= level:
-                    continue
-                upto = r
-                count, falls = turning_points(u[q], order, r, turns)
-                for turn in range(0 if falls else 1, count, 2):
-                    if value(s[q], order, turns[turn]) > level:
-                        upto = turns[turn]  # it may come and go
-                        break
-                if value(s[q], order, upto) <= level:
-                    continue
-                at = root(s[q], order, level, 0.0, upto)
-                if level == 0.0:
-                    pull = value(g[a[q]], order, at) - value(g[b[q]], order, at)
-                    if _is_slow(value(u[q], order, at), pull, tiny[q]):
-                        level = tiny[q]
-                        if value(s[q], order, upto) <= level:
-                            continue
-                        at = root(s[q], order, level, at, upto)
-                r, kind, which = at, 2 if level == 0.0 else 3, q
-            if kind != 4:
+            near = _nearest(bodies, contacts, local, every, of)
+            _expand(order, near, bodies, contacts, local, series)
+            r = _length(order, near, bodies, contacts, speed, accuracy, local, series)
+            r, event, which = _event(order, near, contacts, r, now, stop, local, series, turns)
+            if event != Event.STOPS:
                 stop = min(now + value(t_series, order, r), end)
-            for q in range(contacts):
-                if not closed[q]:
-                    continue
-                j = contact[q]
-                count, falls = turning_points(u[q], order, r, turns)
-                for turn in range(0 if falls else 1, count, 2):
-                    top = turns[turn]
-                    deepest[j] = max(deepest[j], value(s[q], order, top))
-                    pull = value(g[b[q]], order, top) - value(g[a[q]], order, top)
-                    if np.isnan(crossing[j]) and abs(pull) >= resting[j]:
-                        crossing[j] = now + value(t_series, order, top)
+            _compress(order, contacts, r, now, local, series, of, turns)
         while row < rows and times[row] <= stop:
-            at = r
+            at = r if shut_count > 0 else -1.0
             if shut_count > 0 and times[row] < stop:
                 at = root(t_series, order, times[row] - now, 0.0, r) if times[row] > now else 0.0
-            for i in range(n):
-                q = where[i]
-                if shut_count > 0 and q >= 0:
-                    out_x[row, i], out_v[row, i] = value(x[q], order, at), value(v[q], order, at)
-                else:
-                    lag = times[row] - t_all[i]
-                    out_x[row, i] = x_all[i] + lag * (v_all[i] + 0.5 * lag * weight_all[i])
-                    out_v[row, i] = v_all[i] + lag * weight_all[i]
-            for q in range(contacts):
-                if closed[q]:
-                    out_f[row, contact[q]] = value(f[q], order, at)
+            _sample(times[row], at, order, contacts, local, series, every, out_x[row], out_v[row], out_f[row])
             row += 1
         if shut_count > 0:
-            for q in range(bodies):
-                i = body[q]
-                x_all[i], v_all[i], t_all[i] = value(x[q], order, r), value(v[q], order, r), stop
-            for q in range(contacts):
-                j = contact[q]
-                s_all[j] = value(w, order, r) ** 2 if q == near else value(s[q], order, r)
-                ts_all[j] = stop
-                deepest[j] = max(deepest[j], s_all[j])
+            _carry(order, near, bodies, contacts, r, stop, local, series, every, of)
         now = stop
-        x_all[n], v_all[n], t_all[n] = 0.0, 0.0, now
+        x[n], v[n], t[n] = 0.0, 0.0, now
         joins = -1
-        if kind == 1:
+        if event == Event.OPENS:
             j = contact[which]
-            opened += 1
-            dirty = True
-            s_all[j] = 0.0
+            opened, dirty = opened + 1, True
+            s[j] = 0.0
             shut_count = _open(j, shut, shut_list, shut_at, shut_count)
-        elif kind == 2:
+        elif event == Event.CLOSES:
             joins = contact[which]
-            s_all[joins] = 0.0
+            s[joins] = 0.0
             shuttings += 1
-        elif kind == 3:
+        elif event == Event.FELT:
             joins = contact[which]
         elif due <= now and due < np.inf:
             joins = heappop(heap)[1]
-            for i in (c_left[joins], c_right[joins]):
-                if where[i] < 0:
-                    _coast(i, now, x_all, v_all, t_all, weight_all)
-            pull = weight_all[c_left[joins]] - weight_all[c_right[joins]]
-            lag = now - ts_all[joins]
-            rate = v_all[c_left[joins]] - v_all[c_right[joins]] - lag * pull
-            if _is_pulled(s_all[joins], rate, pull, touch[joins]):
-                s_all[joins] = touch[joins]
-            elif lag > 0.0 or s_all[joins] < 0.0:
-                s_all[joins] = 0.0
-            ts_all[joins] = now
+            _meet(joins, now, every, of)
             shuttings += 1
         if joins >= 0 and not shut[joins]:
-            shut[joins] = True
-            shut_list[shut_count], shut_at[joins] = joins, shut_count
-            shut_count += 1
-            dirty = True
+            shut_count, dirty = _shut(joins, shut, shut_list, shut_at, shut_count), True
         # contacts that fade out together with another one: too weak to be felt, and opening
         for q in range(contacts):
             j = contact[q]
-            if shut[j] and j != joins and s_all[j] < touch[j] and v_all[c_left[j]] < v_all[c_right[j]]:
-                shut_count = _open(j, shut, shut_list, shut_at, shut_count)
-                dirty = True
+            if shut[j] and j != joins and s[j] < touch[j] and v[left[j]] < v[right[j]]:
+                shut_count, dirty = _open(j, shut, shut_list, shut_at, shut_count), True
     out_v[row:] = np.nan
     return out_x, out_v, out_f, deepest, crossing, steps, opened, shuttings
+
+
+@kernel()
+def _all_bodies(mass: Floats, velocity: Floats, free: Floats) -> _Bodies:
+    """Return all bodies at the start, and the wall."""
+    n = len(mass)
+    v, inverse, weight = np.zeros(n + 1), np.zeros(n + 1), np.zeros(n + 1)
+    v[:n], inverse[:n], weight[:n] = velocity, 1.0 / mass, free
+    return _Bodies(np.zeros(n + 1), v, np.zeros(n + 1), inverse, weight, np.full(n + 1, -1, dtype=np.int64))
+
+
+@kernel()
+def _room(bodies: int, contacts: int) -> _Local:
+    """Return room for so many bodies and contacts that need series."""
+    return _Local(
+        np.empty(bodies, dtype=np.int64), np.empty(contacts, dtype=np.int64), np.empty(contacts, dtype=np.int64),
+        np.empty(contacts, dtype=np.int64), np.empty(contacts, dtype=np.bool_), np.empty(contacts), np.empty(contacts),
+        np.empty(contacts), np.empty(contacts), np.empty(bodies), np.empty(bodies), np.empty(bodies), np.empty(bodies),
+    )  # fmt: skip
+
+
+@kernel()
+def _room_of_series(bodies: int, contacts: int, order: int) -> _Series:
+    """Return room for the series of so many bodies and contacts."""
+    size = order + 1
+    v, x, g = np.empty((bodies, size)), np.empty((bodies, size)), np.empty((bodies, size))
+    s, u, f = np.empty((contacts, size)), np.empty((contacts, size)), np.empty((contacts, size))
+    return _Series(np.empty(size), np.empty((8, size)), np.empty(size), v, x, g, s, u, f)
+
+
+@kernel()
+def _gather(
+    now: float, bodies: int, contacts: int, shut_count: int, heap: list[tuple[float, int, int]], of_left: Ints,
+    of_right: Ints, local: _Local, every: _Bodies, of: _Contacts,
+) -> tuple[int, int]:  # fmt: skip
+    """Find the bodies and contacts that need series from now on, and return their numbers, given those until now."""
+    body, contact, a, b, _, local_stiffness, local_exponent, local_touch, _, _, _, local_inverse, local_weight = local
+    x, v, t, inverse, weight, where = every
+    c_left, c_right, stiffness, exponent, touch, _, s, ts, shut, seen, stamp, shut_list, _, _, _ = of
+    n = len(of_left)
+    # states of all that had series are already those of this moment
+    for i in range(bodies):
+        where[body[i]] = -1
+    for j in range(contacts):
+        seen[contact[j]] = False
+    former = contact[:contacts].copy()
+    bodies, contacts = 0, 0
+    for q in range(shut_count):
+        bodies = _join(shut_list[q], c_left, c_right, seen, contact, contacts, where, body, bodies)
+        contacts += 1
+    driven = bodies
+    for q in range(driven):
+        i = body[q]
+        if i == n:
+            continue
+        for j in (of_left[i], of_right[i]):
+            if j >= 0 and not seen[j]:
+                bodies = _join(j, c_left, c_right, seen, contact, contacts, where, body, bodies)
+                contacts += 1
+    for q in range(bodies):
+        i = body[q]
+        _coast(i, now, x, v, t, weight)
+        local_inverse[q], local_weight[q] = inverse[i], weight[i]
+    for q in range(contacts):
+        j = contact[q]
+        left, right, lag = c_left[j], c_right[j], now - ts[j]
+        if lag > 0.0 and not shut[j]:
+            rate = v[left] - v[right]
+            pull = weight[left] - weight[right]
+            s[j] += lag * (rate - 0.5 * lag * pull)
+        ts[j] = now
+        stamp[j] += 1
+        a[q], b[q] = where[left], where[right]
+        local_stiffness[q], local_exponent[q], local_touch[q] = stiffness[j], exponent[j], touch[j]
+    for j in former:
+        if not seen[j]:
+            # both its bodies coast now
+            stamp[j] += 1
+            _await(heap, j, stamp[j], now, c_left[j], c_right[j], s, v, weight, touch)
+    return bodies, contacts
+
+
+@kernel()
+def _carry(
+    order: int, near: int, bodies: int, contacts: int, r: float, stop: float, local: _Local, series: _Series,
+    every: _Bodies, of: _Contacts,
+) -> None:  # fmt: skip
+    """Bring all that have series to the end of a step of length ``r``, which is at the time ``stop``."""
+    x, v, t, s, ts, deepest = every.x, every.v, every.t, of.s, of.t, of.deepest
+    body, contact, w, x_series, v_series, s_series = local.body, local.contact, series.w, series.x, series.v, series.s
+    for q in range(bodies):
+        i = body[q]
+        x[i], v[i], t[i] = value(x_series[q], order, r), value(v_series[q], order, r), stop
+    for q in range(contacts):
+        j = contact[q]
+        s[j] = value(w, order, r) ** 2 if q == near else value(s_series[q], order, r)
+        ts[j] = stop
+        deepest[j] = max(deepest[j], s[j])
+
+
+@kernel()
+def _meet(j: int, now: float, every: _Bodies, of: _Contacts) -> None:
+    """Bring contact ``j``, whose bodies coast, to ``now``, when it begins."""
+    x, v, t, _, weight, where = every
+    left, right, s, ts, touch = of.left[j], of.right[j], of.s, of.t, of.touch
+    for i in (left, right):
+        if where[i] < 0:
+            _coast(i, now, x, v, t, weight)
+    pull = weight[left] - weight[right]
+    lag = now - ts[j]
+    rate = v[left] - v[right] - lag * pull
+    if _is_pulled(s[j], rate, pull, touch[j]):
+        s[j] = touch[j]
+    elif lag > 0.0 or s[j] < 0.0:
+        s[j] = 0.0
+    ts[j] = now
+
+
+@kernel()
+def _sample(
+    time: float, at: float, order: int, contacts: int, local: _Local, series: _Series, every: _Bodies, out_x: Floats,
+    out_v: Floats, out_f: Floats,
+) -> None:  # fmt: skip
+    """Write a row of the results, at a ``time``; ``at``: where that is in the step; < 0: there are no series."""
+    x, v, t, _, weight, where = every
+    contact, closed, x_series, v_series, f = local.contact, local.closed, series.x, series.v, series.f
+    for i in range(len(out_x)):
+        q = where[i]
+        if not at < 0.0 and q >= 0:
+            out_x[i], out_v[i] = value(x_series[q], order, at), value(v_series[q], order, at)
+        else:
+            lag = time - t[i]
+            out_x[i] = x[i] + lag * (v[i] + 0.5 * lag * weight[i])
+            out_v[i] = v[i] + lag * weight[i]
+    for q in range(contacts):
+        if closed[q]:
+            out_f[contact[q]] = value(f[q], order, at)
 
 
 @kernel()
@@ -413,6 +591,14 @@ def _await(
     wait = _collision(s[j], v[left] - v[right], weight[left] - weight[right], touch[j])
     if wait < np.inf:
         heappush(heap, (now + wait, j, stamp))
+
+
+@kernel()
+def _shut(j: int, shut: Bools, shut_list: Ints, shut_at: Ints, count: int) -> int:
+    """Add contact ``j`` to the list of closed ones; the new length."""
+    shut[j] = True
+    shut_list[count], shut_at[j] = j, count
+    return count + 1
 
 
 @kernel()

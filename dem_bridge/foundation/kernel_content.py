@@ -197,9 +197,11 @@ def _text_of_module(module: ModuleType, names: set[str], refer: Callable[[Functi
 
 
 def _text_of_class(kind: type, text_of: Callable[[Any], str]) -> str:
-    """Return the name of a class, with fields and default values of a named tuple."""
+    """Return the name of a class, with fields and default values of a named tuple or the members of an enumeration."""
     if issubclass(kind, tuple) and hasattr(kind, "_fields"):
         return f"class {_name(kind)} {kind._fields} {text_of(getattr(kind, '_field_defaults', {}))}"
+    if issubclass(kind, Enum):
+        return f"class {_name(kind)} {[(member.name, text_of(member.value)) for member in kind]}"
     if not _is_versioned(kind):
         raise Unidentified(f"the class {_name(kind)} cannot be identified")
     return f"class {_name(kind)}"
