@@ -13,13 +13,13 @@ import pytest
 import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import Record
-from dem_bridge.judging import judgement as module
 from dem_bridge.judging.cause import CAUSES, Diagnosis
 from dem_bridge.judging.error import file_errors
 from dem_bridge.judging.judgement import KEYS, Judgement, judge_records
 from dem_bridge.judging.shown import TEXTS, lines
 from dem_bridge.scene.scene import Wall
 from tests.helpers.judged_records import CHAIN, record
+from tests.helpers.seams import Seam, plant
 
 STEPS = (1e-6, 5e-7, 2.5e-7)
 
@@ -28,7 +28,7 @@ STEPS = (1e-6, 5e-7, 2.5e-7)
 def diagnosis(monkeypatch: pytest.MonkeyPatch) -> list[Diagnosis]:
     """Return a list whose only entry is the diagnosis of all judgements of a test."""
     answers = [Diagnosis(cause="none", evidence="The time step explains all.")]
-    monkeypatch.setattr(module, "diagnose", lambda scene, records, floor: answers[0])
+    plant(monkeypatch, Seam.DIAGNOSE, lambda scene, records, floor: answers[0])
     return answers
 
 
@@ -219,7 +219,7 @@ def test_times_far_beyond_a_scene_that_stays_together_are_not_judged(diagnosis: 
 
 
 def test_of_a_large_file_some_samples_are_judged(diagnosis: list[Diagnosis], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST_VALUES", 100)
+    plant(monkeypatch, Seam.MOST_VALUES, 100)
     judgement = judge_records(CHAIN, [record()])
     assert judgement.recognised == ["verlet-1e-06: every sample number 3 of 41 is judged."]
     assert len(judgement.files[0].record.time) == 14

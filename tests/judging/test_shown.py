@@ -12,15 +12,15 @@ import pytest
 
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import Record
-from dem_bridge.judging import judgement as module
 from dem_bridge.judging import shown
 from dem_bridge.judging.cause import Diagnosis
 from dem_bridge.judging.error import FileErrors, QuantityErrors
 from dem_bridge.judging.judgement import Addition, Judgement, judge_records
 from dem_bridge.judging.order import Convergence, Order
 from dem_bridge.scene.drive import Drive
-from dem_bridge.scene.scene import Adhesion, Wall
+from dem_bridge.scene.scene import Adhesion, Scene, Wall
 from tests.helpers.judged_records import CHAIN, record
+from tests.helpers.seams import Seam, plant
 
 NAN = math.nan
 
@@ -421,21 +421,57 @@ def test_the_finest_file_is_judged_or_all_without_a_step() -> None:
 
 
 # ---------------------------------------------------------------- from records to a judgement
-def test_a_reference_that_is_uncertain_by_a_percent_hides_errors(monkeypatch: pytest.MonkeyPatch) -> None:
-    none = Diagnosis(cause="none", evidence="Fine.")
-    monkeypatch.setattr(module, "diagnose", lambda scene, records, floor: none)
+def plain(time: Any, *, dt: float | None = None, digits: float = 0.0, columns: int = 1) -> Record:
+    times = np.array(time, dtype=float)
+    values = np.tile(np.arange(float(len(times)))[:, None], columns)
+    return Record(
+        name="f", time=times, values={"velocity": values}, columns={"velocity": tuple(range(columns))}, dt=dt,
+        rounding={"time": np.full(len(times), digits), "velocity": 0.0 * values},
+    )  # fmt: skip
+
+
+def errors_of(scene: Any, records: Any) -> tuple[FileErrors, ...]:
+    """Return errors of files without a reference."""
+    return tuple(
+        FileErrors(record=each, quantities={"velocity": part(np.ones((len(each.time), 2)))}) for each in records
+    )
+
+
+@pytest.fixture
+def diagnosis(monkeypatch: pytest.MonkeyPatch) -> list[Diagnosis]:
+    """Return a list whose only entry is the answer of all fits; errors are those of :func:`errors_of`."""
+    answers = [Diagnosis(cause="mass", evidence="Heavy.")]
+    plant(monkeypatch, Seam.FILE_ERRORS, errors_of)
+    plant(monkeypatch, Seam.DIAGNOSE, lambda scene, records, floor: answers[0])
+    return answers
+
+
+def usable(file: Record, scene: Scene = CHAIN) -> tuple[Record, list[str]]:
+    """Return the samples of a file that are judged, and what is said of the others."""
+    judgement = judge_records(scene, [file])
+    return judgement.files[0].record, [text for text in judgement.assumed if not text.startswith("The scene ends at")]
+
+
+def test_a_reference_that_is_uncertain_by_a_percent_hides_errors(
+    monkeypatch: pytest.MonkeyPatch, diagnosis: list[Diagnosis]
+) -> None:
+    none = diagnosis[0] = Diagnosis(cause="none", evidence="Fine.")
+
+    def diagnosed(*files: FileErrors) -> Diagnosis:
+        plant(monkeypatch, Seam.FILE_ERRORS, lambda scene, records: files)
+        return judge_records(CHAIN, [plain([0.0, 1e-6])]).diagnosis
+
     for share, uncertain in ((0.009, False), (0.01, False), (0.015, True)):
-        file = file_of(part(ERROR, reference=2.0 * share))
-        diagnosis = module._diagnosis(CHAIN, [file], {}, ())
-        assert (diagnosis is not none) is uncertain
+        answer = diagnosed(file_of(part(ERROR, reference=2.0 * share)))
+        assert (answer is not none) is uncertain
         if uncertain:
-            assert diagnosis.evidence == (
+            assert answer.evidence == (
                 "The reference is uncertain by 0.015 of the largest velocity at these times, so that errors of the file"
                 " cannot be seen; give earlier samples."
             )
-            assert diagnosis.cause == "unknown"
+            assert answer.cause == "unknown"
     force = file_of(part(ERROR, name="contact_force", reference=1.0))
-    assert module._diagnosis(CHAIN, [force], {}, ()) is none
+    assert diagnosed(force) is none
     # a percent that digits leave open of every quantity hides errors, too; a quantity without a scale does not count
     for share, uncertain in ((0.009, False), (0.01, False), (0.015, True)):
         rough = part(10.0 * np.array(ERROR), explained=2.0 * share)
@@ -444,40 +480,36 @@ def test_a_reference_that_is_uncertain_by_a_percent_hides_errors(monkeypatch: py
             ([rough, part(ERROR, name="displacement", scale=0.0)], uncertain),
             ([rough, part(ERROR, name="displacement")], False),
         ):
-            diagnosis = module._diagnosis(CHAIN, [file_of(*parts)], {}, ())
-            assert (diagnosis.cause == "unknown") is hidden
+            answer = diagnosed(file_of(*parts))
+            assert (answer.cause == "unknown") is hidden
             if hidden:
-                assert diagnosis.evidence == (
+                assert answer.evidence == (
                     "The digits of the file leave 0.015 of the largest value open, so that errors cannot be seen; write"
                     " more digits."
                 )
-    assert module._diagnosis(CHAIN, [file_of(part(ERROR, scale=0.0))], {}, ()) is none
-    explained = file_of(part(0.0 * np.array(ERROR)))
-    assert module._diagnosis(CHAIN, [explained], {}, ()) is module.EXPLAINED
-    assert module._diagnosis(CHAIN, [explained, force], {}, ()) is none
+    assert diagnosed(file_of(part(ERROR, scale=0.0))) is none
+    # what is explained is not fitted
+    explained, diagnosis[0] = file_of(part(0.0 * np.array(ERROR)), dt=None), Diagnosis(cause="mass", evidence="Never.")
+    assert diagnosed(explained) == Diagnosis(cause="none", evidence="Digits and reference explain all values.")
+    assert diagnosed(explained, force) is diagnosis[0]
 
 
-def test_errors_that_vanish_with_the_step_are_those_of_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    file = file_of(part(ERROR))
+def test_errors_that_vanish_with_the_step_are_those_of_the_step(
+    monkeypatch: pytest.MonkeyPatch, diagnosis: list[Diagnosis]
+) -> None:
+    def diagnosed(*convergence: Convergence) -> Diagnosis:
+        plant(monkeypatch, Seam.CONVERGENCE, lambda files: convergence)
+        return judge_records(CHAIN, [plain([0.0, 1e-6])]).diagnosis
+
     for cause in ("unknown", "mass"):
-        answer = Diagnosis(cause=cause, evidence="?")
-        monkeypatch.setattr(module, "diagnose", lambda scene, records, floor, answer=answer: answer)
-        assert module._diagnosis(CHAIN, [file], {}, ()) is answer
-        both = module._diagnosis(CHAIN, [file], {}, (falling(value=2.2), falling("displacement", 2.1)))
+        answer = diagnosis[0] = Diagnosis(cause=cause, evidence="?")
+        assert diagnosed() is answer
+        both = diagnosed(falling(value=2.2), falling("displacement", 2.1))
         assert both.cause == ("none" if cause == "unknown" else cause)
         if cause == "unknown":
             assert "fall with the time step at an order of 2.10 or more, as those of an" in both.evidence
         # all quantities must vanish
-        assert module._diagnosis(CHAIN, [file], {}, (falling(), falling("displacement", 1.0))) is answer
-
-
-def plain(time: Any, *, dt: float | None = None, digits: float = 0.0, columns: int = 1) -> Record:
-    times = np.array(time, dtype=float)
-    values = np.tile(np.arange(float(len(times)))[:, None], columns)
-    return Record(
-        name="f", time=times, values={"velocity": values}, columns={"velocity": tuple(range(columns))}, dt=dt,
-        rounding={"time": np.full(len(times), digits), "velocity": 0.0 * values},
-    )  # fmt: skip
+        assert diagnosed(falling(), falling("displacement", 1.0)) is answer
 
 
 D = CHAIN.duration
@@ -494,58 +526,64 @@ D = CHAIN.duration
             "f: 1 samples before the start of the scene, 0 s, are not judged.",
         ),
         ([0.0, 1e-6], 0.0, [0, 1], ""),
+        ([1e-6, 2e-6], 0.0, [0, 1], ""),
     ],
 )
+@pytest.mark.usefixtures("diagnosis")
 def test_samples_before_the_start_are_not_judged(time: list[float], digits: float, kept: list[int], note: str) -> None:
-    judged, notes = module._checked(plain(time, digits=digits), CHAIN)
+    judged, notes = usable(plain(time, digits=digits))
     assert (judged.values["velocity"][:, 0].tolist(), notes) == (kept, [note] if note else [])
     assert len(judged.rounding["velocity"]) == len(kept) == len(judged.time)
 
 
-def test_samples_after_twenty_durations_of_a_scene_that_stays_together_are_not_judged() -> None:
-    walled = replace(CHAIN, wall_left=Wall(stiffness=1e9))
-    judged, notes = module._checked(plain([0.0, D, 20.0 * D, 20.1 * D, 21.0 * D]), walled)
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"wall_left": Wall(stiffness=1e9)},
+        {"wall_right": Wall(stiffness=1e9)},
+        {"drive": Drive(shape="sine", force=0.5, frequency=1000.0)},
+        {"adhesion": Adhesion(law="dmt", pull_off=0.1), "gap": (1e-6,) * 4},
+        {"precompression": 0.5},
+    ],
+)
+@pytest.mark.usefixtures("diagnosis")
+def test_samples_after_twenty_durations_of_a_scene_that_stays_together_are_not_judged(changes: dict[str, Any]) -> None:
+    together, late = replace(CHAIN, **changes), plain([0.0, D, 20.0 * D, 20.1 * D, 21.0 * D])
+    judged, notes = usable(late, together)
     assert judged.values["velocity"][:, 0].tolist() == [0.0, 1.0, 2.0]
     assert notes == ["f: 2 samples after 0.004 s, 20 times the scene, are not judged."]
-    assert len(module._checked(plain([0.0, D, 21.0 * D]), walled)[0].time) == 2
+    assert len(usable(plain([0.0, D, 21.0 * D]), together)[0].time) == 2
     with pytest.raises(UsageError) as refused:
-        module._checked(plain([0.0, 21.0 * D, 99.0 * D]), walled)
+        judge_records(together, [plain([0.0, 21.0 * D, 99.0 * D])])
     assert str(refused.value) == (
         "f goes to 0.0198 s, and the scene to 0.0002 s; allowed: samples up to 0.004 s; give the unit of time (--units"
         " time=ms), or a scene of this duration"
     )
-
-
-def test_scenes_stay_together_by_walls_loads_drives_and_adhesion() -> None:
-    push = Drive(shape="sine", force=0.5, frequency=1000.0)
-    glue = Adhesion(law="dmt", pull_off=0.1)
-    for changes in ({"wall_left": Wall(stiffness=1.0)}, {"wall_right": Wall(stiffness=1.0)}, {"drive": push},
-                    {"adhesion": glue}, {"precompression": 0.5}):  # fmt: skip
-        scene: Any = SimpleNamespace(
-            **dict.fromkeys(("wall_left", "wall_right", "drive", "adhesion")) | {"precompression": 0.0} | changes
-        )
-        assert module._stays_together(scene)
-    assert not module._stays_together(CHAIN)
+    # a chain that parts is followed
+    assert len(usable(late)[0].time) == 5
 
 
 @pytest.mark.parametrize(
     ("dt", "noted"), [(1.02e-6, True), (1.005e-6, False), (0.5e-6, False), (None, False), (1e-3, True)]
 )
+@pytest.mark.usefixtures("diagnosis")
 def test_a_step_longer_than_the_largest_interval_is_noted(dt: float | None, noted: bool) -> None:
-    _, notes = module._checked(plain([0.0, 1e-7, 1.1e-6, 1.2e-6], dt=dt), CHAIN)
+    _, notes = usable(plain([0.0, 1e-7, 1.1e-6, 1.2e-6], dt=dt))
     assert bool(notes) is noted
     if noted:
         assert notes == [f"f: the step, {dt:.6g} s, is longer than the sampling, 1e-06 s."]
 
 
 @pytest.mark.parametrize(("most", "every"), [(20, 1), (19, 2), (10, 2), (9, 3)])
+@pytest.mark.usefixtures("diagnosis")
 def test_large_files_are_thinned(monkeypatch: pytest.MonkeyPatch, most: int, every: int) -> None:
-    monkeypatch.setattr(module, "MOST_VALUES", most)
-    judged, notes = module._checked(plain(1e-6 * np.arange(10.0), columns=2), CHAIN)
+    plant(monkeypatch, Seam.MOST_VALUES, most)
+    judged, notes = usable(plain(1e-6 * np.arange(10.0), columns=2))
     assert judged.values["velocity"][:, 0].tolist() == list(range(0, 10, every))
     assert notes == ([f"f: every sample number {every} of 10 is judged."] if every > 1 else [])
 
 
+@pytest.mark.usefixtures("diagnosis")
 def test_values_that_are_no_motion_are_refused() -> None:
     file = plain([0.0, 1e-6, 2e-6], columns=3)
     for value, wrong in ((np.nan, True), (-np.inf, True), (1e100, True), (0.9e100, False), (-1.5e100, True)):
@@ -553,10 +591,10 @@ def test_values_that_are_no_motion_are_refused() -> None:
         values[1, 2] = values[2, 0] = value
         bad = replace(file, values={"velocity": values}, columns={"velocity": (4, 2, 0)})
         if not wrong:
-            module._checked(bad, CHAIN)
+            usable(bad)
             continue
         with pytest.raises(UsageError) as refused:
-            module._checked(bad, CHAIN)
+            usable(bad)
         assert str(refused.value) == (
             "f has 2 values of velocity that are not finite or above 1e+100, the first at 1e-06 s, body 0; remove these"
             " samples, or run the code again with a smaller time step"
@@ -564,46 +602,41 @@ def test_values_that_are_no_motion_are_refused() -> None:
     forces = replace(plain([0.0, 1e-6]), values={"contact_force": np.full((2, 1), np.nan)},
                      columns={"contact_force": (3,)}, rounding={"time": np.zeros(2)})  # fmt: skip
     with pytest.raises(UsageError, match=r"2 values of contact force .*, contact 3;"):
-        module._checked(forces, CHAIN)
-    for time, problem in (([0.0], "no sample after 0 s"), ([1e-6], "has a single sample"), ([], "no velocities")):
+        usable(forces)
+    nothing = replace(plain([0.0, 1e-6]), values={}, columns={})
+    for unusable, problem in (
+        *((plain(time), text) for time, text in (([0.0], "no sample after 0 s"), ([1e-6], "has a single sample"))),
+        *((empty, "no velocities, displacements or contact forces") for empty in (plain([]), nothing)),
+    ):
         with pytest.raises(UsageError, match=problem):
-            module._checked(plain(time), CHAIN)
-    assert module._checked(plain([1e-6, 2e-6]), CHAIN)[1] == []
+            usable(unusable)
     # a quantity without columns beside another one
     file = plain([1e-6, 2e-6])
     more = {**file.values, "displacement": np.zeros((2, 0))}
-    assert module._checked(replace(file, values=more), CHAIN)[1] == []
+    assert usable(replace(file, values=more))[1] == []
 
 
 @pytest.mark.parametrize(
-    ("end", "units"),
+    ("end", "unit"),
     [
-        (19.9, []), (20.0, []), (299.0, []), (301.0, [1e-3]), (2999.0, [1e-3]), (3001.0, []), (0.5e6, [1e-6]),
-        (1e9, [1e-9]), (math.inf, []), (4e9, []),
+        (19.9, 1.0), (20.0, 1.0), (299.0, 1.0), (301.0, 1e-3), (2999.0, 1e-3), (3001.0, 1.0), (0.5e6, 1e-6),
+        (1e9, 1e-9), (math.inf, 1.0), (4e9, 1.0),
     ],
 )  # fmt: skip
-def test_units_of_time_are_those_in_which_the_scene_ends_with_the_file(end: float, units: list[float]) -> None:
-    files = [plain([0.0, end * D]), plain([0.0, 0.5 * D]), plain([])]
-    assert module._units_of_time(CHAIN, files) == units
-    assert module._units_of_time(CHAIN, [plain([])]) == []
-
-
-def test_a_record_in_another_unit_of_time_has_its_digits_too() -> None:
-    changed = module._at(plain([0.0, 2.0], digits=0.5), 1e-3)
-    assert (changed.time.tolist(), changed.rounding["time"].tolist()) == ([0.0, 2e-3], [5e-4, 5e-4])
-
-
-def errors_of(scene: Any, records: Any) -> tuple[FileErrors, ...]:
-    """Return errors of files without a reference."""
-    return tuple(
-        FileErrors(record=each, quantities={"velocity": part(np.ones((len(each.time), 2)))}) for each in records
-    )
+def test_units_of_time_are_those_in_which_the_scene_ends_with_the_file(
+    diagnosis: list[Diagnosis], end: float, unit: float
+) -> None:
+    diagnosis[0] = Diagnosis(cause="none", evidence="")
+    judgement = judge_records(CHAIN, [plain([0.0, end * D], digits=0.5 * D), plain([0.0, 0.5 * D])])
+    assert judgement.time_unit == unit
+    # in another unit of time a record has its digits, too
+    judged = judgement.files[0].record
+    assert (judged.time[-1], judged.rounding["time"][0]) == pytest.approx((unit * end * D, unit * 0.5 * D))
 
 
 @pytest.mark.parametrize("cause", ["none", "units", "mass"])
-def test_files_in_another_unit_of_time_are_judged_in_it(monkeypatch: pytest.MonkeyPatch, cause: str) -> None:
-    monkeypatch.setattr(module, "_diagnosis", lambda *parts: Diagnosis(cause=cause, evidence="Units differ."))
-    monkeypatch.setattr(module, "file_errors", errors_of)
+def test_files_in_another_unit_of_time_are_judged_in_it(diagnosis: list[Diagnosis], cause: str) -> None:
+    diagnosis[0] = Diagnosis(cause=cause, evidence="Units differ.")
     file = replace(record(), time=1e3 * record().time)
     judgement = judge_records(CHAIN, [file])
     if cause == "mass":
@@ -617,9 +650,8 @@ def test_files_in_another_unit_of_time_are_judged_in_it(monkeypatch: pytest.Monk
     assert judgement.recognised == ["The errors are those of the files with times in a unit of 0.001 s."]
 
 
-def test_a_scene_that_ends_with_the_file_to_a_rounding_is_not_continued(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_diagnosis", lambda *parts: Diagnosis(cause="none", evidence=""))
-    monkeypatch.setattr(module, "file_errors", errors_of)
+@pytest.mark.usefixtures("diagnosis")
+def test_a_scene_that_ends_with_the_file_to_a_rounding_is_not_continued() -> None:
     file = record()
     for stretch, notes in ((1.0 + 0.9e-9, 0), (1.0 + 1.5e-9, 1), (1.0 - 1e-3, 0)):
         time = file.time.copy()
@@ -635,9 +667,10 @@ def test_a_tolerance_is_between_none_and_all(tolerance: float, allowed: bool) ->
         judge_records(CHAIN, [], tolerance=tolerance)
 
 
+@pytest.mark.usefixtures("diagnosis")
 def test_some_files_without_a_step_beside_others_are_refused() -> None:
-    time = [0.0, 1e-6]
-    module._check_steps([plain(time), plain(time)])
-    module._check_steps([plain(time, dt=1e-6), plain(time, dt=2e-6)])
+    time = [0.0, 1e-6, 2e-6]
+    judge_records(CHAIN, [plain(time), plain(time)])
+    judge_records(CHAIN, [plain(time, dt=1e-6), plain(time, dt=2e-6)])
     with pytest.raises(UsageError, match=r"^g has no time step, but another file has one; .*: g@DT$"):
-        module._check_steps([plain(time, dt=1e-6), replace(plain(time), name="g")])
+        judge_records(CHAIN, [plain(time, dt=1e-6), replace(plain(time), name="g")])
