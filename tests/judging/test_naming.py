@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers import Record
-from dem_bridge.judging import cause, deck, judgement, limits, order, single
+from dem_bridge.judging import cause, deck, limits, single
 from dem_bridge.judging.cause import Diagnosis
 from dem_bridge.judging.error import QuantityErrors
 from dem_bridge.judging.fitting import Block, Fit
@@ -23,8 +22,7 @@ from dem_bridge.judging.limits import Limit
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.reference import reference_at
 from dem_bridge.lmp.reader.script import Command
-from dem_bridge.scene.scene import Scene, Wall
-from tests.helpers.judged_records import CHAIN, record
+from dem_bridge.scene.scene import Scene
 
 PAIR = Scene(name="p", duration=1e-3, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(1.0, 0.0), samples=50)
 
@@ -100,71 +98,6 @@ def test_the_finest_file_decides_but_for_causes_of_the_step(
     assert cause.diagnose(PAIR, files[::-1]).cause == answer
 
 
-# ---------------------------------------------------------------- orders
-def pairs(errors: tuple[float, ...], limit: float = 1e-12) -> list[tuple[float, float]]:
-    return [(error, limit) for error in errors]
-
-
-DT = (1e-7, 2e-7, 4e-7, 8e-7)
-
-
-@pytest.mark.parametrize(
-    ("errors", "limit", "answer"),
-    [
-        ((1.0, 4.0, 16.0, 64.0), 1e-12, (0, False)),  # second order throughout
-        ((1.0, 1.1, 4.4, 17.6), 1e-12, (1, True)),  # the two finest are flat
-        ((1.0, 1.1, 4.4, 17.6), 0.5, (3, False)),  # ... which digits explain, and hide an order there
-        ((1.0, 1.0, 1.1, 1.0), 1e-12, (0, False)),  # nothing follows the step
-        ((1.0, 1.8, 3.2, 6.0), 1e-12, (0, False)),  # first order, nearly
-    ],
-)
-def test_the_first_file_whose_error_follows_the_step(
-    errors: tuple[float, ...], limit: float, answer: tuple[int, bool]
-) -> None:
-    assert order._first_that_follows(DT, pairs(errors, limit), pairs(errors, limit)) == answer
-
-
-def test_times_that_differ_by_half_a_sample_are_not_common() -> None:
-    early, late = 1e-9 * np.arange(12), 1e-3 * np.arange(1, 11)
-    rows = order._common_rows([np.concatenate([early, late]), np.concatenate([early + 5e-10, late])], ["a", "b"])
-    for chosen in rows:
-        assert list(chosen) == list(range(12, 22))
-
-
-def test_an_order_is_as_certain_as_its_errors() -> None:
-    clean = order._order(DT, pairs((1.0, 4.0, 16.0, 64.0)), pairs((1.0, 4.0, 16.0, 64.0)))
-    assert clean is not None
-    assert (clean.value, clean.ends) == (pytest.approx(2.0), (8e-7, 1e-7))
-    assert clean.uncertainty < 1e-9
-    # one error that is 10 % off moves the order of two neighbours by log2(1.1)
-    bent = order._order(DT, pairs((1.1, 4.0, 16.0, 64.0)), pairs((1.1, 4.0, 16.0, 64.0)))
-    assert bent is not None
-    assert 0.5 * math.log2(1.1) < bent.uncertainty < 1.5 * math.log2(1.1)
-    # errors that are known to 1 %: the logarithms of the ends by 2 % of log 8
-    loose = [(error, 0.01 * error) for error, _ in pairs((1.0, 4.0, 16.0, 64.0))]
-    doubtful = order._order(DT, loose, loose)
-    assert doubtful is not None
-    assert doubtful.uncertainty == pytest.approx(0.02 / math.log(8.0), rel=0.01)
-    assert order._order(DT[:1], pairs((1.0,)), pairs((1.0,))) is None
-
-
-def test_an_error_along_a_shape_is_its_part_and_rounding_averages_out() -> None:
-    random = np.random.default_rng(5)
-    shape = random.standard_normal((200, 3))
-    size = float(np.sqrt(np.mean(shape**2)))
-    rounding, reference = 0.05, 1e-4
-    limit = np.full(shape.shape, rounding + reference)
-    value, explained = order._along(shape, 0.3 * shape, limit, reference)
-    assert value == pytest.approx(0.3 * size)
-    # what rounding really leaves along the shape: two deviations hold 95 % of it
-    left = [
-        abs(float(np.sum(random.uniform(-rounding, rounding, shape.shape) * shape))) / (size * shape.size)
-        for _ in range(400)
-    ]
-    assert np.mean(np.array(left) <= explained - reference) == pytest.approx(0.954, abs=0.04)
-    assert order._along(shape, -0.3 * shape, limit, reference)[0] == 0.0
-
-
 # ---------------------------------------------------------------- errors
 def test_the_largest_error_may_be_larger_or_smaller_by_what_explains_it() -> None:
     part = QuantityErrors(
@@ -189,32 +122,6 @@ def test_the_reference_is_at_the_times_that_are_given_with_or_without_the_start(
     for name, values in whole.values.items():
         assert later.values[name].shape == (2, values.shape[1])
         np.testing.assert_allclose(later.values[name], values[1:], rtol=1e-12, atol=1e-15)
-
-
-def test_times_far_beyond_the_scene_suggest_a_unit_and_chains_that_part_are_followed() -> None:
-    file = record()
-    for unit in (1e-3, 1e-6, 1e-9):
-        assert judgement._units_of_time(CHAIN, [judgement._at(file, 1.0 / unit)]) == [unit]
-    assert judgement._units_of_time(CHAIN, [judgement._at(file, 10.0)]) == []
-    assert judgement._units_of_time(CHAIN, [judgement._at(file, 1e5)]) == []
-    assert not judgement._stays_together(CHAIN)
-    walled = replace(CHAIN, wall_right=Wall(stiffness=4e9))
-    assert judgement._stays_together(walled)
-    # nothing is cut from a chain that parts; between walls the reference would take long
-    late = judgement._at(file, 30.0)
-    assert judgement._checked(late, CHAIN)[0].time[-1] == pytest.approx(30.0 * CHAIN.duration)
-    kept, notes = judgement._checked(late, walled)
-    assert kept.time[-1] == pytest.approx(19.5 * CHAIN.duration)
-    assert "14 samples after 0.004 s" in notes[0]
-
-
-def test_files_without_a_sample_after_the_start_cannot_be_judged() -> None:
-    file = record(quantities=("velocity",))
-    with pytest.raises(UsageError, match="no sample after 0 s"):
-        judgement._checked(judgement._rows(file, slice(0, 1)), CHAIN)
-    with pytest.raises(UsageError, match="no velocities, displacements or contact forces"):
-        judgement._checked(Record(name="f", time=file.time, values={}, columns={}, rounding=file.rounding), CHAIN)
-    assert judgement._checked(file, CHAIN)[1] == []
 
 
 # ---------------------------------------------------------------- decks

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +12,6 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.judging import order
 from dem_bridge.judging.error import QuantityErrors
 from dem_bridge.judging.order import Convergence, Order, convergence
 from dem_bridge.trajectory.trajectory import Floats
@@ -68,18 +69,27 @@ T = np.arange(13.0)
     ],
 )
 def test_samples_are_compared_at_common_times_or_in_the_common_interval(times: list[Floats], rows: list[range]) -> None:
-    scaled = [1e-5 * time for time in times]
-    assert [list(part) for part in order._common_rows(scaled, ["a", "b", "c"])] == [list(part) for part in rows]
+    # each sample has an error of its own; nothing stands above what is explained, so that all of each error counts
+    errors = [np.arange(1.0, len(time) + 1.0) ** 2 for time in times]
+    files = [
+        file_of(f"f{k}", 1e-7 * (k + 1), {"velocity": part_of(error[:, None], 1e9, (0,))}, time=1e-5 * time)
+        for k, (time, error) in enumerate(zip(times, errors, strict=True))
+    ]
+    (part,) = convergence(files)
+    expected = [math.sqrt(np.mean(error[chosen] ** 2)) for error, chosen in zip(errors, rows, strict=True)]
+    assert part.errors == pytest.approx(expected)
 
 
 def test_files_without_a_common_interval_are_named_with_the_end_of_one_and_the_start_of_the_other() -> None:
     rows = ([3.0, 4.0, 9.0], [0.0, 1.9, 1.95, 2.0], [0.5, 0.6, 0.7, 8.0], [2.9, 8.0, 9.0, 10.0], [2.0, 2.5, 5.0])
-    times = [np.array(row) for row in rows]
+    files = [
+        file_of(name, 1e-7 * (k + 1), {}, time=row) for k, (name, row) in enumerate(zip("abcde", rows, strict=True))
+    ]
     with pytest.raises(UsageError, match=r"^b ends at 2 s and a begins at 3 s; "):
-        order._common_rows(times, [*"abcde"])
+        convergence(files)
     # one common instant is no interval
     with pytest.raises(UsageError, match=r"^b ends at 2 s and e begins at 2 s; "):
-        order._common_rows([times[1], times[4]], ["b", "e"])
+        convergence([files[1], files[4]])
 
 
 # ---------------------------------------------------------------- errors of several files
@@ -91,8 +101,11 @@ def part_of(error: Floats, limit: float, columns: tuple[int, ...], *, reference:
     )
 
 
-def file_of(name: str, dt: float | None, parts: dict[str, QuantityErrors], rows: int = 10) -> Any:
-    return SimpleNamespace(record=SimpleNamespace(name=name, dt=dt, time=1e-5 * np.arange(rows)), quantities=parts)
+def file_of(
+    name: str, dt: float | None, parts: dict[str, QuantityErrors], rows: int = 10, *, time: Any = None
+) -> Any:  # fmt: skip
+    times = 1e-5 * np.arange(rows) if time is None else np.array(time)
+    return SimpleNamespace(record=SimpleNamespace(name=name, dt=dt, time=times), quantities=parts)
 
 
 SHAPE = np.outer(np.arange(10.0), [1.0, -2.0])
@@ -145,77 +158,98 @@ def test_quantities_and_bodies_that_only_some_files_have_are_left_out() -> None:
     assert part.order.value == pytest.approx(2.0)
 
 
-def samples(*factors: float, limit: float = 0.01, other: float = 0.3) -> list[QuantityErrors]:
-    """Return errors of two samples: a factor along the first and another across it, but for the last file."""
-    return [
-        part_of(np.array([[factor], [other if k + 1 < len(factors) else 0.0]]), limit, (0,), reference=0.001 * (k + 1),
-                name="velocity" if k == 0 else "other")
-        for k, factor in enumerate(factors)
-    ]  # fmt: skip
+# ---------------------------------------------------------------- errors along the shape of the coarsest file's
+Pair = tuple[float, float]
 
 
-STEPS = [(1e-7, 0), (2e-7, 1), (4e-7, 2)]
-BOTH = [np.array([0, 1])] * 3
+def planted(dt: Sequence[float], measured: Sequence[Pair], whole: Sequence[Pair]) -> Convergence:
+    """Return the convergence of files with these errors and what is explained of them, fine to coarse.
+
+    Of two samples after the start the coarsest file has an error in the first alone, which is the shape. ``measured``:
+    root mean squares along it; ``whole``: of both samples. Both are equal for the coarsest file.
+    """
+    files, size, part = [], math.sqrt(2.0), math.sqrt(1.5)
+    for step, (along, limit), (total, all_limit) in zip(dt, measured, whole, strict=True):
+        error = np.array([[0.0], [size * along], [math.sqrt(2.0 * total**2 - 2.0 * along**2)]])
+        explained = np.array([[0.0], [part * limit], [math.sqrt(max(2.0 * all_limit**2 - 1.5 * limit**2, 0.0))]])
+        errors = replace(part_of(error, 0.0, (0,)), explained=explained)
+        files.append(file_of(f"f{step}", step, {"velocity": errors}, rows=3))
+    (result,) = convergence(files)
+    assert result.errors == pytest.approx([error for error, _ in measured])
+    assert result.explained == pytest.approx([limit for _, limit in measured])
+    return result
+
+
+def same(errors: Sequence[float], limit: float = 1e-6) -> list[Pair]:
+    return [(error, limit) for error in errors]
+
+
+def follows(part: Convergence) -> tuple[int, bool]:
+    """Return the number of the finest files that do not count for the order, all but one without it, and flatness."""
+    return len(part.dt) - (1 if part.order is None else len(part.order.steps)), not math.isnan(part.flat)
 
 
 def test_errors_are_measured_along_the_shape_of_those_of_the_coarsest_file() -> None:
-    part = order._convergence(samples(1.0, 4.0, 16.0), BOTH, STEPS)
-    assert part is not None
-    assert part.quantity == "velocity"
-    # of two samples the second has none of the coarsest file's error
-    assert part.errors == pytest.approx([factor / math.sqrt(2.0) for factor in (1.0, 4.0, 16.0)])
-    # two deviations of a uniform error, along one of two samples, and the reference of the finest file
-    rounding = 2.0 * 0.009 / math.sqrt(3.0) / math.sqrt(2.0) + 0.001
-    assert part.explained == pytest.approx([rounding] * 3)
-    # errors that digits may explain have no shape: three times what is explained is the limit
-    for limit, along in ((3.5, True), (4.0, False)):
-        part = order._convergence(samples(1.0, 4.0, 16.0, limit=limit), BOTH, STEPS)
-        assert part is not None
-        expected = 1.0 if along else math.sqrt(1.0 + 0.09)
-        assert part.errors[0] == pytest.approx(expected / math.sqrt(2.0))
-    # ... of what is explained of the coarsest file
-    parts = samples(1.0, 4.0, 16.0, limit=9.0)
-    parts[-1] = part_of(parts[-1].error, 0.01, (0,))
-    part = order._convergence(parts, BOTH, STEPS)
-    assert part is not None
-    assert part.errors[0] == pytest.approx(1.0 / math.sqrt(2.0))
-    # samples of different numbers have none either
-    uneven = [np.array([0, 1]), np.array([0]), np.array([0, 1])]
-    part = order._convergence(samples(1.0, 4.0, 16.0), uneven, STEPS)
-    assert part is not None
-    assert part.errors == pytest.approx([math.sqrt(1.09 / 2.0), 4.0, 16.0 / math.sqrt(2.0)])
+    def measured(explained: Sequence[float]) -> tuple[float, ...]:
+        files = []
+        for step, factor, limit in zip((1e-7, 2e-7, 4e-7), (1.0, 4.0, 16.0), explained, strict=True):
+            error = np.array([[0.0], [factor], [0.3 if step < 4e-7 else 0.0]])
+            files.append(file_of("f", step, {"velocity": part_of(error, limit, (0,), reference=0.001 * limit)}, rows=3))
+        (result,) = convergence(files)
+        return result.errors
 
-
-def test_errors_that_stay_at_the_finest_step_are_the_flat_ones() -> None:
-    part = order._convergence(samples(1.0, 1.1, 4.4, limit=1e-9, other=0.0), BOTH, STEPS)
-    assert part is not None
-    assert part.flat == pytest.approx(1.0 / math.sqrt(2.0))
-    assert part.order is not None
-    assert part.order.steps == (4e-7, 2e-7)
-    part = order._convergence(samples(1.0, 4.0, 16.0, limit=1e-9), BOTH, STEPS)
-    assert part is not None
-    assert math.isnan(part.flat)
-
-
-def test_no_rows_or_bodies_have_no_convergence_and_lists_of_other_lengths_are_an_error() -> None:
-    nothing = [np.array([0, 1]), np.array([], dtype=int), np.array([0, 1])]
-    assert order._convergence(samples(1.0, 4.0, 16.0), nothing, STEPS) is None
-    with pytest.raises(ValueError, match="zip"):
-        order._convergence(samples(1.0, 4.0, 16.0), BOTH[:2], STEPS)
-    pairs = [(1.0, 0.0)] * 3
-    with pytest.raises(ValueError, match="zip"):
-        order._first_that_follows((1e-7, 2e-7), pairs, pairs)
+    along, all_of_it = 1.0 / math.sqrt(2.0), math.sqrt(1.09 / 2.0)
+    assert measured((0.01,) * 3) == pytest.approx([along, 4.0 * along, 16.0 * along])
+    # errors that digits may explain have no shape: three times what is explained of the coarsest file is the limit
+    for limit, first in ((3.5, along), (4.0, all_of_it)):
+        assert measured((limit,) * 3)[0] == pytest.approx(first)
+    assert measured((9.0, 9.0, 0.01))[0] == pytest.approx(along)
+    # samples of different numbers have none either: two of one file and three of the other are in the common interval
+    shape, times = np.arange(4.0)[:, None] * [1.0, -2.0], ((0.0, 1.0, 2.0), (0.1, 0.6, 1.1, 3.1))
+    files = [
+        file_of(f"f{k}", 1e-7 * (k + 1), {"velocity": part_of(shape[: len(time)], 1e-9, (0, 1))}, time=time)
+        for k, time in enumerate(times)
+    ]
+    (part,) = convergence(files)
+    assert part.errors == pytest.approx([math.sqrt(np.mean(chosen**2)) for chosen in (shape[1:3], shape[:3])])
 
 
 def test_the_part_of_an_error_along_a_shape_is_exact() -> None:
+    start = np.zeros((1, 2))
     shape, error = np.array([[3.0, 0.0], [0.0, 4.0]]), np.array([[1.0, 9.0], [9.0, 2.0]])
     limit = np.array([[0.3, 7.0], [7.0, 0.2]])
-    value, explained = order._along(shape, error, limit, 0.1)
-    # (3 + 8) / (5 * 2), and 2 |(3 * 0.2, 4 * 0.1)| / (sqrt(3) * 5 * 2) + 0.1
-    assert value == pytest.approx(1.1)
-    assert explained == pytest.approx(2.0 * math.hypot(0.6, 0.4) / (10.0 * math.sqrt(3.0)) + 0.1)
-    assert order._along(shape, -error, limit, 0.1)[0] == 0.0
-    assert order._root_mean_square(np.array([[3.0, 4.0]])) == pytest.approx(math.sqrt(12.5))
+    for sign, along in ((1.0, 1.1), (-1.0, 0.0)):  # (3 + 8) / (5 * 2)
+        fine = replace(part_of(np.vstack([start, sign * error]), 0.0, (0, 1), reference=0.1),
+                       explained=np.vstack([start, limit]))  # fmt: skip
+        coarse = part_of(np.vstack([start, shape]), 1e-9, (0, 1), reference=99.0)
+        (part,) = convergence([file_of("f", dt, {"velocity": each}, rows=3)
+                               for dt, each in ((1e-7, fine), (2e-7, coarse))])  # fmt: skip
+        assert part.errors[0] == pytest.approx(along)
+        # 2 |(3 * 0.2, 4 * 0.1)| / (sqrt(3) * 5 * 2), and the reference of the finest file
+        assert part.explained[0] == pytest.approx(2.0 * math.hypot(0.6, 0.4) / (10.0 * math.sqrt(3.0)) + 0.1)
+
+
+def test_rounding_along_a_shape_is_that_of_uniform_errors() -> None:
+    random, rounding = np.random.default_rng(5), 0.05
+    shape = random.standard_normal((200, 3))
+    files = [file_of(f"f{dt}", dt, {"velocity": part_of(dt / 2e-7 * shape, rounding, (0, 1, 2))}, rows=200)
+             for dt in (1e-7, 2e-7)]  # fmt: skip
+    (part,) = convergence(files)
+    used = shape[1:]
+    size = float(np.sqrt(np.mean(used**2)))
+    assert part.errors == pytest.approx([0.5 * size, size])
+    # two deviations hold 95 % of what rounding really leaves along the shape
+    left = [
+        abs(float(np.sum(random.uniform(-rounding, rounding, used.shape) * used))) / (size * used.size)
+        for _ in range(400)
+    ]
+    assert np.mean(np.array(left) <= part.explained[0]) == pytest.approx(0.954, abs=0.04)
+
+
+def test_no_samples_after_the_start_have_no_convergence() -> None:
+    files = [file_of(f"f{k}", 1e-7 * (k + 1), {"velocity": part_of(np.ones((rows, 1)), 0.0, (0,))}, time=time)
+             for k, (rows, time) in enumerate(((2, (0.0, 2.0)), (3, (0.0, 0.5, 1.0))))]  # fmt: skip
+    assert convergence(files) == ()
 
 
 # ---------------------------------------------------------------- which files follow the step
@@ -228,7 +262,6 @@ DT = (1e-7, 2e-7, 4e-7, 1.6e-6)
         # from a step to its double errors grow by more than half, to its fourfold by more than 1.5 times
         ((1.0, 1.45, 5.0, 50.0), (1, True)),
         ((1.0, 1.55, 5.0, 50.0), (0, False)),
-        ((2.0, 3.0, 9.0, 90.0), (1, True)),  # exactly half is too little
         ((1.0, 1.1, 1.2, 2.9), (0, False)),
         ((1.0, 1.1, 1.2, 3.1), (2, True)),
         ((1.0, 1.1, 4.0, 40.0), (1, True)),
@@ -238,35 +271,30 @@ DT = (1e-7, 2e-7, 4e-7, 1.6e-6)
 def test_errors_follow_the_step_if_they_grow_by_half_of_its_growth(
     errors: tuple[float, ...], answer: tuple[int, bool]
 ) -> None:
-    pairs = [(error, 1e-6) for error in errors]
-    assert order._first_that_follows(DT, pairs, pairs) == answer
+    part = planted(DT, same(errors), same(errors))
+    assert follows(part) == answer
+    assert part.flat == pytest.approx(errors[0] if answer[1] else NAN, nan_ok=True)
 
 
 @pytest.mark.parametrize(
     ("measured", "whole", "answer"),
     [
         # an error counts from ten times what is explained on, and so do all coarser ones
-        ((10.5, 40.0, 160.0, 640.0), 9.0, (0, False)),
-        ((10.0, 40.0, 160.0, 640.0), 9.0, (1, False)),
-        ((9.5, 40.0, 160.0, 640.0), 9.0, (1, False)),
-        ((40.0, 9.5, 160.0, 640.0), 9.0, (2, False)),
-        ((9.0, 9.0, 9.0, 9.0), 9.0, (4, False)),
+        ((10.5, 40.0, 160.0), 17.0, (0, False)),
+        ((9.5, 40.0, 160.0), 17.0, (1, False)),
+        ((40.0, 9.5, 160.0), 17.0, (2, False)),
+        ((9.0, 9.0, 9.0), 17.0, (3, False)),  # one error alone has no order
         # flat errors that digits explain, up to three times, are not flat
-        ((15.0, 40.0, 160.0, 640.0), 3.2, (1, True)),
-        ((15.0, 40.0, 160.0, 640.0), 3.4, (0, False)),
+        ((15.0, 40.0, 160.0), 16.2, (1, True)),
+        ((15.0, 40.0, 160.0), 17.0, (0, False)),
     ],
 )
 def test_digits_hide_errors_of_ten_times_and_explain_flat_ones_of_three_times_their_size(
     measured: tuple[float, ...], whole: float, answer: tuple[int, bool]
 ) -> None:
-    # the whole errors are 10, 10, 100, 1000: flat between the two finest files
-    sizes = [(10.0, whole), (10.0, whole), (100.0, 0.01), (1000.0, 0.01)]
-    assert order._first_that_follows(DT, [(error, 1.0) for error in measured], sizes) == answer
-
-
-def test_an_exact_threefold_is_explained() -> None:
-    sizes = [(3.0, 1.0), (3.0, 1.0), (100.0, 1.0), (1000.0, 1.0)]
-    assert order._first_that_follows(DT, [(99.0, 1.0)] * 4, sizes) == (0, False)
+    # the whole errors are 50, 50, 500, 5000: flat between the two finest files
+    sizes = [(50.0, whole), (50.0, 17.0), (500.0, 1.0), (5000.0, 1.0)]
+    assert follows(planted(DT, same((*measured, 5000.0), 1.0), sizes)) == answer
 
 
 def slope(first: float, second: float, ratio: float) -> float:
@@ -275,26 +303,22 @@ def slope(first: float, second: float, ratio: float) -> float:
 
 def test_the_uncertainty_of_an_order_is_the_largest_difference_of_its_parts() -> None:
     dt, errors = (1e-7, 2e-7, 4e-7), (1.0, 4.0, 20.0)
-    exact = [(error, 0.0) for error in errors]
-    fit = 0.5 * math.log2(20.0)
-    for sizes, limit, expected in (
-        ((1.0, 4.0, 20.0), 0.0, slope(4.0, 20.0, 2.0) - fit),  # of two adjacent steps
-        ((1.0, 4.0, 60.0), 0.0, 0.5 * math.log2(60.0) - fit),  # of all errors
-        ((1.0, 4.0, 60.0), 0.09, 0.5 * math.log2(60.0) - fit),
-        ((1.0, 4.0, 60.0), 0.1, slope(4.0, 20.0, 2.0) - fit),  # ... where digits do not hide one of them
-        ((1.0, 4.0, 60.0), 0.15, slope(4.0, 20.0, 2.0) - fit),
+    fit, adjacent = 0.5 * math.log2(20.0), slope(4.0, 20.0, 2.0) - 0.5 * math.log2(20.0)
+    for size, limit, expected in (
+        (1.0, 0.0, adjacent),  # of two adjacent steps
+        (2.0, 0.0, fit - 0.5 * math.log2(10.0)),  # of all errors
+        (2.0, 0.19, fit - 0.5 * math.log2(10.0)),
+        (2.0, 0.21, adjacent),  # ... where digits do not hide one of them
     ):
-        result = order._order(dt, exact, [(size, limit) for size in sizes])
-        assert result is not None
-        assert (result.value, result.steps) == (pytest.approx(fit), dt[::-1])
-        assert result.uncertainty == pytest.approx(expected, rel=1e-9)
+        order = planted(dt, same(errors, 0.0), [(size, limit), (4.0, 0.0), (20.0, 0.0)]).order
+        assert order is not None
+        assert (order.value, order.steps) == (pytest.approx(fit), dt[::-1])
+        assert order.uncertainty == pytest.approx(expected, rel=1e-9)
     # what is not known of the errors adds to it
     doubtful = [(1.0, 0.03), (4.0, 0.08), (20.0, 0.0)]
-    result = order._order(dt, doubtful, [(size, 1.0) for size in errors])
-    assert result is not None
-    unknown = math.hypot(0.03, 0.02) / math.log(4.0)
-    assert result.uncertainty == pytest.approx(slope(4.0, 20.0, 2.0) - fit + unknown, rel=1e-9)
-    two = order._order(dt[:2], exact[:2], exact[:2])
+    order = planted(dt, doubtful, [(1.0, 1.0), (4.0, 1.0), (20.0, 0.0)]).order
+    assert order is not None
+    assert order.uncertainty == pytest.approx(adjacent + math.hypot(0.03, 0.02) / math.log(4.0), rel=1e-9)
+    two = planted(dt[:2], same(errors[:2], 0.0), same(errors[:2], 0.0)).order
     assert two is not None
     assert (two.value, two.uncertainty) == (pytest.approx(2.0), pytest.approx(0.0, abs=1e-12))
-    assert order._order(dt[:1], exact[:1], exact[:1]) is None
