@@ -352,7 +352,7 @@ def _as_good(fit: Fit, best: Fit, count: int) -> bool:
     Where a few values are not explained by their digits, the sum of squares is that of these values. Factors on all
     masses and on all stiffnesses give nearly one motion, and what they leave differs by errors of integration.
     """
-    if not _explained(best) or best.largest >= LARGEST:
+    if not _explained(best):
         family = fit.hypothesis.family
         return fit.rms < (3.0 if family and family == best.hypothesis.family else 1.5) * best.rms
     return _explained(fit) and count * (fit.rms**2 - best.rms**2) < 60.0 * max(best.rms, 1.0) ** 2
