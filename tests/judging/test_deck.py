@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from dem_bridge.judging import deck, limits
+from dem_bridge.judging import deck
 from dem_bridge.scene.scene import Scene
 
 SCENE = Scene(name="p", duration=1e-3, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(1.0, 0.0), samples=50)
@@ -55,9 +54,3 @@ def test_a_deck_is_told_from_a_dump_and_from_binary_files(tmp_path: Path) -> Non
     ):
         (tmp_path / "file").write_text(text)
         assert deck.is_deck(tmp_path / "file") is is_deck
-
-
-def test_limits_are_in_the_order_of_their_effects_then_unknown_ones_then_those_without() -> None:
-    effects = [0.0, math.nan, 1e-3, 2.0]
-    found = sorted((limits.Limit(what="", found="", effect=effect, advice="") for effect in effects), key=limits._place)
-    assert [str(limit.effect) for limit in found] == ["2.0", "0.001", "nan", "0.0"]
