@@ -21,6 +21,7 @@ from dem_bridge.report.strokes import STYLES, style_of
 from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
+from dem_bridge.verification.roles import assign_roles
 from dem_bridge.verification.verification import Verification, verification_of
 from dem_bridge.verification.verify import study_without_runs
 from tests.conftest import Solve
@@ -121,7 +122,7 @@ def _verified(*scenes: Scene) -> Verification:
         allowed=1e-12,
         scale_name="largest |velocity|",
     )
-    studies = tuple(SceneStudy(scene=scene, verdicts=(), budgets=(one,)) for scene in scenes)
+    studies = tuple(SceneStudy(roles=assign_roles(scene), verdicts=(), budgets=(one,)) for scene in scenes)
     return verification_of(studies, accuracy=1e-6, wall=1.0)
 
 
@@ -185,7 +186,10 @@ def test_nothing_hides_anything(runs: dict[str, Any], theory: str | None) -> Non
             lambda run: db.plot.budget(_verified(SCENE), scene="other"),
             "scene = 'other'; allowed (scenes that were verified): six",
         ),
-        (lambda run: db.plot.budget(study_without_runs(SCENE, RunBroken("it fell"))), "six has no error budget"),
+        (
+            lambda run: db.plot.budget(study_without_runs(assign_roles(SCENE), RunBroken("it fell"))),
+            "six has no error budget",
+        ),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_in_a_line(runs: dict[str, Any], call: Any, said: str) -> None:

@@ -17,7 +17,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification import checks
 from dem_bridge.verification.budget import Budget, allowance, budgets
-from dem_bridge.verification.roles import Runs, engine_for
+from dem_bridge.verification.roles import Roles, Runs
 
 #: time steps in s, coarsest first, and the velocity errors of the runs, relative to the reference's largest velocity
 Refinement = tuple[list[float], list[float]]
@@ -27,7 +27,7 @@ Refinement = tuple[list[float], list[float]]
 class SceneStudy:
     """Runs and verdicts of one scene."""
 
-    scene: Scene
+    roles: Roles
     runs: Runs[Result] | None = None
     """None: the runs of the roles could not be chosen."""
     others: tuple[Result, ...] = ()
@@ -41,9 +41,14 @@ class SceneStudy:
     """Rows of the table of observables, see :func:`_observables`."""
 
     @property
+    def scene(self) -> Scene:
+        """The scene that is verified."""
+        return self.roles.scene
+
+    @property
     def engine(self) -> str:
         """Name of the LAMMPS backend that is verified."""
-        return engine_for(self.scene)
+        return self.roles.engine
 
     @property
     def results(self) -> tuple[Result, ...]:
@@ -59,119 +64,121 @@ class SceneStudy:
 _Trajectories = Runs[Trajectory | None]
 
 
-def assess_scene(scene: Scene, runs: Runs[Result], accuracy: float) -> SceneStudy:
+def assess_scene(roles: Roles, results: Runs[Result], accuracy: float) -> SceneStudy:
     """Judge the runs of a scene.
 
     Parameters
     ----------
-    scene : Scene
-    runs : Runs of Result
+    roles : Roles
+        Of the scene.
+    results : Runs of Result
         What became of the cases of :func:`~dem_bridge.verification.roles.list_cases`.
     accuracy : float
         Tolerance of velocity errors, relative to the largest velocity.
     """
-    roles = runs.map(lambda result: result.trajectory)
+    runs = results.map(lambda result: result.trajectory)
     refinement: dict[str, Refinement] = {}
-    if roles.reference is not None:
-        for main, levels in ((runs.twin, runs.twin_refinements), (runs.engine, runs.engine_refinements)):
+    if runs.reference is not None:
+        for main, levels in ((results.twin, results.twin_refinements), (results.engine, results.engine_refinements)):
             if main.trajectory is not None:
-                refinement[main.case.backend] = _refinement((main, *levels), roles.reference)
-    budgets_of_engine = _budgets(roles)
+                refinement[main.case.backend] = _refinement((main, *levels), runs.reference)
+    budgets_of_engine = _budgets(runs)
     verdicts = [
-        *_failures(scene, runs),
-        *_implementation(scene, roles, budgets_of_engine),
-        *_accuracy(scene, runs, roles, refinement, accuracy),
+        *_failures(roles, results),
+        *_implementation(roles, runs, budgets_of_engine),
+        *_accuracy(roles, results, runs, refinement, accuracy),
     ]
-    if roles.engine is not None:
-        verdicts += checks.conserved(scene, roles.engine, accuracy, roles.reference)
+    if runs.engine is not None:
+        verdicts += checks.conserved(roles, runs.engine, accuracy, runs.reference)
     return SceneStudy(
-        scene=scene,
-        runs=runs,
+        roles=roles,
+        runs=results,
         verdicts=tuple(verdicts),
         refinement=refinement,
         budgets=budgets_of_engine,
-        observables=tuple(_observables(scene, roles)) if runs.engine_refinements else (),
+        observables=tuple(_observables(roles, runs)) if results.engine_refinements else (),
     )
 
 
-def _observables(scene: Scene, roles: _Trajectories) -> Iterator[tuple[str | float, ...]]:
+def _observables(roles: Roles, runs: _Trajectories) -> Iterator[tuple[str | float, ...]]:
     """Yield a row for each registered observable; none without a reference.
 
     It has the scene, the observable, its largest magnitude in the reference, its unit and relative uncertainty; then
     the relative difference from the reference and the uncertainty of LAMMPS, the twin and the second reference.
     """
-    if roles.reference is None:
+    if runs.reference is None:
         return
+    scene = roles.scene
     for observable in OBSERVABLES.values():
-        reference, numbers = read(observable, scene, roles.reference), []
-        for run in (roles.reference, roles.engine, roles.twin, roles.second_reference):
+        reference, numbers = read(observable, scene, runs.reference), []
+        for run in (runs.reference, runs.engine, runs.twin, runs.second_reference):
             errors = None if run is None else relative_to(reference, read(observable, scene, run))
             numbers += [math.nan, math.nan] if errors is None else [errors.reduced(), reduced(errors.uncertainty)]
         # the reference does not differ from itself
         yield scene.name, observable.words, reduced(reference.values), observable.unit, *numbers[1:]
 
 
-def _failures(scene: Scene, runs: Runs[Result]) -> Iterator[Verdict]:
+def _failures(roles: Roles, results: Runs[Result]) -> Iterator[Verdict]:
     """Yield a verdict for each role whose run failed, or that its backend cannot play."""
-    for result in (runs.reference, runs.second_reference, runs.twin, runs.engine, runs.theory):
+    for result in (results.reference, results.second_reference, results.twin, results.engine, results.theory):
         if result is not None and result.failure is not None:
-            yield checks.absent(scene, result.case.backend, result)
+            yield checks.absent(roles, result.case.backend, result)
 
 
-def _budgets(roles: _Trajectories) -> tuple[Budget, ...]:
-    if roles.engine is None or roles.twin is None or roles.positional_twin is None or roles.reference is None:
+def _budgets(runs: _Trajectories) -> tuple[Budget, ...]:
+    if runs.engine is None or runs.twin is None or runs.positional_twin is None or runs.reference is None:
         return ()
-    return budgets(roles.engine, roles.twin, roles.positional_twin, roles.reference, roles.tabled_twin)
+    return budgets(runs.engine, runs.twin, runs.positional_twin, runs.reference, runs.tabled_twin)
 
 
-def _implementation(scene: Scene, roles: _Trajectories, budget: tuple[Budget, ...]) -> Iterator[Verdict]:
+def _implementation(roles: Roles, runs: _Trajectories, budget: tuple[Budget, ...]) -> Iterator[Verdict]:
     """Yield the verdicts on LAMMPS against its tables and the twins."""
-    engine, twin, positional = roles.engine, roles.twin, roles.positional_twin
+    engine, twin, positional = runs.engine, runs.twin, runs.positional_twin
     if engine is None:
         return
     if "table" in engine.provenance:
-        yield from checks.table(scene, engine)
+        yield from checks.table(roles, engine)
     if twin is None:
         return
-    yield checks.implementation(scene, engine, roles.tabled_twin or twin)
+    yield checks.implementation(roles, engine, runs.tabled_twin or twin)
     if positional is None or not budget:
         return
     allowed = {part.quantity: part.allowed for part in budget}
     # contact forces have no uncertainty of their own, but their difference must be explained as well
-    allowed["contact_force"] = allowance("contact_force", twin, positional, roles.tabled_twin)
+    allowed["contact_force"] = allowance("contact_force", twin, positional, runs.tabled_twin)
     for quantity, bound in allowed.items():
-        yield checks.explained(scene, quantity, engine, positional, allowed=bound)
+        yield checks.explained(roles, quantity, engine, positional, allowed=bound)
 
 
 def _accuracy(
-    scene: Scene, runs: Runs[Result], roles: _Trajectories, refinement: dict[str, Refinement], accuracy: float
+    roles: Roles, results: Runs[Result], runs: _Trajectories, refinement: dict[str, Refinement], accuracy: float
 ) -> Iterator[Verdict]:
     """Yield the verdicts of all runs against the reference."""
-    reference = roles.reference
+    reference = runs.reference
     if reference is None:
         return
-    if runs.second_reference is None or roles.second_reference is not None:
-        estimated = runs.second_reference is None or runs.second_reference.case.uncertainty
-        yield checks.two_methods(scene, roles.second_reference, reference, estimated=estimated)
-    for result in (runs.twin, runs.engine):
+    if results.second_reference is None or runs.second_reference is not None:
+        estimated = results.second_reference is None or results.second_reference.case.uncertainty
+        yield checks.two_methods(roles, runs.second_reference, reference, estimated=estimated)
+    for result in (results.twin, results.engine):
         if (run := result.trajectory) is None:
             continue
         name = result.case.backend
-        yield from checks.accuracy(scene, name, run, reference, accuracy)
-        standard = _reference_with_table_error(roles) if result is runs.engine else reference
+        yield from checks.accuracy(roles, name, run, reference, accuracy)
+        standard = _reference_with_table_error(runs) if result is results.engine else reference
         if len(refinement[name][0]) > 1:
-            yield checks.order(scene, name, refinement[name], standard)
-    if roles.theory is not None:
-        yield from checks.model(scene, roles.theory, reference)
+            yield checks.order(roles, name, refinement[name], standard)
+    if runs.theory is not None:
+        yield from checks.model(roles, runs.theory, reference)
 
 
-def _reference_with_table_error(roles: _Trajectories) -> Trajectory:
+def _reference_with_table_error(runs: _Trajectories) -> Trajectory:
     """Return the reference with the error of the tables added to its uncertainty."""
-    reference = roles.reference
+    reference = runs.reference
     assert reference is not None
-    if roles.tabled_twin is None or roles.twin is None:
+    if runs.tabled_twin is None or runs.twin is None:
         return reference
-    missed = float(np.max(np.abs(roles.tabled_twin.velocity - roles.twin.velocity)))
+    missed = float(np.max(np.abs(runs.tabled_twin.velocity - runs.twin.velocity)))
     velocity = reference.uncertainty["velocity"] + missed
     return replace(reference, uncertainty=replace(reference.uncertainty, velocity=velocity))
 

@@ -28,9 +28,8 @@ from dem_bridge.observables.errors import read
 from dem_bridge.observables.registry import OBSERVABLES, observable_named
 from dem_bridge.observables.verdict import Outcome, Verdict, judge, judge_relative, numerical_verdict
 from dem_bridge.runs.campaign import Result
-from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
-from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, engine_for
+from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, Roles
 
 #: permissible deviation of the observed order from 2, and from 1 where forces depend on velocities
 ORDER_TOLERANCE = {2: 0.05, 1: 0.1}
@@ -51,31 +50,31 @@ MODELLED = ("arrival", "residence_time", "arrival_at_end", "peak_force", "veloci
 TABLE_TOLERANCE = 1.1
 
 
-def absent(scene: Scene, name: str, result: Result) -> Verdict:
+def absent(roles: Roles, name: str, result: Result) -> Verdict:
     """Return the verdict on a run that was not made or that failed."""
     outcome = Outcome.BROKEN if isinstance(result.failure, RunBroken) else Outcome.NOT_RUN
     return Verdict(
-        scene=scene.name,
+        scene=roles.scene.name,
         quantity="velocity",
         backend=name,
         reference=REFERENCE if name != REFERENCE else "",
         outcome=outcome,
-        sentence=f"{name} on {scene.name}: {result.failure}.",
+        sentence=f"{name} on {roles.scene.name}: {result.failure}.",
     )
 
 
-def implementation(scene: Scene, engine: Trajectory, twin: Trajectory) -> Verdict:
+def implementation(roles: Roles, engine: Trajectory, twin: Trajectory) -> Verdict:
     """Judge LAMMPS against the twin: only the round-off of absolute positions, predicted by twins, may differ."""
     # the time-step error is the same in both and cancels
     allowed = engine.uncertainty.parts["round_off"]
     return _against_twin(
-        scene, "velocity", engine, twin, allowed, reference=TWIN, meaning="implementation and round-off"
+        roles, "velocity", engine, twin, allowed, reference=TWIN, meaning="implementation and round-off"
     )
 
 
-def table(scene: Scene, engine: Trajectory) -> list[Verdict]:
+def table(roles: Roles, engine: Trajectory) -> list[Verdict]:
     """Judge forces and energies that LAMMPS takes from tables against the contact laws and the predicted errors."""
-    errors, name = engine.provenance["table"], engine_for(scene)
+    errors, name = engine.provenance["table"], roles.engine
     checked = [("table", "forces", "each contact's largest force", "error", TABLE_TOLERANCE)]
     if "measured_energy_error" in errors:  # a contact was closed when LAMMPS printed its energies
         checked.append(("table_energy", "potential energies", "the largest energy in contacts", "energy_error", 1.0))
@@ -85,7 +84,7 @@ def table(scene: Scene, engine: Trajectory) -> list[Verdict]:
         tolerance = factor * predicted + errors["round_off"]
         verdicts.append(
             Verdict(
-                scene=scene.name,
+                scene=roles.scene.name,
                 quantity=quantity,
                 backend=name,
                 reference="contact laws",
@@ -106,20 +105,20 @@ def table(scene: Scene, engine: Trajectory) -> list[Verdict]:
     return verdicts
 
 
-def explained(scene: Scene, quantity: str, engine: Trajectory, positional: Trajectory, *, allowed: float) -> Verdict:
+def explained(roles: Roles, quantity: str, engine: Trajectory, positional: Trajectory, *, allowed: float) -> Verdict:
     """Judge the part of an error that its budget leaves unexplained: LAMMPS minus the positional twin."""
-    return _against_twin(scene, quantity, engine, positional, allowed, reference=POSITIONAL, meaning="implementation")
+    return _against_twin(roles, quantity, engine, positional, allowed, reference=POSITIONAL, meaning="implementation")
 
 
 def _against_twin(
-    scene: Scene, quantity: str, engine: Trajectory, twin: Trajectory, allowed: float, *, reference: str, meaning: str
+    roles: Roles, quantity: str, engine: Trajectory, twin: Trajectory, allowed: float, *, reference: str, meaning: str
 ) -> Verdict:
     """Judge LAMMPS against a twin, from which it may differ by ``allowed``, relative."""
     digit = engine.uncertainty.parts["last_digit"]
     return numerical_verdict(
         replace(difference(quantity, engine, twin), uncertainty=allowed, reference_uncertainty=digit),
-        scene=scene.name,
-        backend=engine_for(scene),
+        scene=roles.scene.name,
+        backend=roles.engine,
         reference=reference,
         tolerance=allowed,
         meaning=meaning,
@@ -127,7 +126,7 @@ def _against_twin(
     )
 
 
-def two_methods(scene: Scene, second: Trajectory | None, reference: Trajectory, *, estimated: bool = True) -> Verdict:
+def two_methods(roles: Roles, second: Trajectory | None, reference: Trajectory, *, estimated: bool = True) -> Verdict:
     """Judge two references against each other: each must be right within the uncertainty that it states.
 
     ``second`` is None where only one backend solves the scene to the accuracy of a reference: NOT_RUN. ``estimated`` is
@@ -139,7 +138,7 @@ def two_methods(scene: Scene, second: Trajectory | None, reference: Trajectory, 
     allowed = compared.uncertainty + compared.reference_uncertainty
     if second is None:
         name, outcome = SCIPY, Outcome.NOT_RUN
-        sentence = f"{REFERENCE} on {scene.name} was answered by {SCIPY}: no second solution to compare with."
+        sentence = f"{REFERENCE} on {roles.scene.name} was answered by {SCIPY}: no second solution to compare with."
     else:
         # both uncertainties are part of the tolerance already
         name, outcome = second.provenance["backend"], judge_relative(compared.value, 0.0, allowed)
@@ -149,7 +148,7 @@ def two_methods(scene: Scene, second: Trajectory | None, reference: Trajectory, 
         )
     return Verdict.of(
         compared,
-        scene=scene.name,
+        scene=roles.scene.name,
         backend=name,
         reference=REFERENCE,
         outcome=outcome,
@@ -159,23 +158,23 @@ def two_methods(scene: Scene, second: Trajectory | None, reference: Trajectory, 
     )
 
 
-def accuracy(scene: Scene, name: str, run: Trajectory, reference: Trajectory, tolerance: float) -> list[Verdict]:
+def accuracy(roles: Roles, name: str, run: Trajectory, reference: Trajectory, tolerance: float) -> list[Verdict]:
     """Judge a run against the reference: the velocity of the twin, every observable of LAMMPS.
 
     Observables that are registered in addition to those of the package are judged as well.
     """
     parts = ["time step", *(["table"] if "table" in run.provenance else []), "implementation and round-off"]
     meaning = "time step" if name == TWIN else ", ".join(parts)
-    without = {*QUANTITIES, *NOT_JUDGED, *(["residence_time"] if scene.n_body <= 2 else [])}
+    without = {*QUANTITIES, *NOT_JUDGED, *(["residence_time"] if roles.scene.n_body <= 2 else [])}
     quantities = (
         ("velocity",) if name == TWIN else (*QUANTITIES, *(other for other in OBSERVABLES if other not in without))
     )
     verdicts = []
-    for compared in (difference(quantity, run, reference, scene) for quantity in quantities):
+    for compared in (difference(quantity, run, reference, roles.scene) for quantity in quantities):
         of_velocity = compared.quantity == "velocity"
         verdict = numerical_verdict(
             compared,
-            scene=scene.name,
+            scene=roles.scene.name,
             backend=name,
             reference=REFERENCE,
             # the accuracy is that of velocities; other quantities may err by the uncertainty at this step
@@ -201,14 +200,14 @@ def _pull(name: str, run: Trajectory) -> str:
     )
 
 
-def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], reference: Trajectory) -> Verdict:
+def order(roles: Roles, name: str, refinement: tuple[list[float], list[float]], reference: Trajectory) -> Verdict:
     """Judge the order of convergence over the refinement levels, the main run excluded.
 
     The uncertainty of the order is the fit's residual over the range of steps. For first order it is the residual
     between two neighbouring levels: contacts with a dashpot close anywhere within a step, and errors of first and
     second order may have different signs, so the order between two levels can differ from that of all.
     """
-    expected = order_on(scene)
+    expected = order_on(roles.scene)
     allowed = ORDER_TOLERANCE[expected]
     steps, errors = refinement[0][:-1], refinement[1][:-1]
     floor = 10.0 * reference.uncertainty["velocity"] / max(float(np.max(np.abs(reference.velocity))), 1e-300)
@@ -218,8 +217,8 @@ def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], 
         why = f"{fit.points} of {len(steps)} errors are above round-off, and 3 are needed for a fit"
     elif len(set(steps)) < 3:
         why = (
-            f"one sample every {scene.duration / scene.samples:.3g} s is too dense to test convergence, because all"
-            " levels have the same step; lower sampling.count"
+            f"one sample every {roles.scene.duration / roles.scene.samples:.3g} s is too dense to test convergence,"
+            " because all levels have the same step; lower sampling.count"
         )
     else:
         uncertainty = 2.0 * math.log1p(fit.residual) / math.log(steps[0] / steps[-1])
@@ -234,12 +233,12 @@ def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], 
                 " error, which all scenes have, is not small compared with the first-order part"
             )
     unjudged = Verdict(
-        scene=scene.name,
+        scene=roles.scene.name,
         quantity="order",
         backend=name,
         reference=f"exact {expected}",
         outcome=Outcome.NOT_RUN,
-        sentence=f"order of {name} on {scene.name}: {why}.",
+        sentence=f"order of {name} on {roles.scene.name}: {why}.",
         meaning="convergence in the time step",
     )
     if why:
@@ -265,7 +264,7 @@ def order(scene: Scene, name: str, refinement: tuple[list[float], list[float]], 
     )
 
 
-def conserved(scene: Scene, run: Trajectory, tolerance: float, reference: Trajectory | None = None) -> list[Verdict]:
+def conserved(roles: Roles, run: Trajectory, tolerance: float, reference: Trajectory | None = None) -> list[Verdict]:
     """Judge the drift of momentum, within round-off, and of energy, within the tolerance.
 
     Each is judged where the scene conserves it. Where a drive gives energy, the energy less its work is, unless samples
@@ -274,29 +273,29 @@ def conserved(scene: Scene, run: Trajectory, tolerance: float, reference: Trajec
     The loads on the ends of a precompressed chain without walls cancel; with one wall there is one load alone.
     """
     verdicts = []
-    if scene.conserves_momentum:
+    if roles.scene.conserves_momentum:
         # each step rounds each velocity by at most half a unit in its last place
         digits = run.cost.steps * float(np.finfo(float).eps)
-        verdicts.append(_drift(scene, run, "momentum", digits, "round-off"))
-    if scene.conserves_energy:
-        verdicts.append(_drift(scene, run, "energy", tolerance, "time step"))
-    elif not scene.dissipates:
-        unknown = work(scene, run if reference is None else reference)[1]
-        verdict = _drift(scene, run, "energy_less_work", tolerance, "time step", unknown)
+        verdicts.append(_drift(roles, run, "momentum", digits, "round-off"))
+    if roles.scene.conserves_energy:
+        verdicts.append(_drift(roles, run, "energy", tolerance, "time step"))
+    elif not roles.scene.dissipates:
+        unknown = work(roles.scene, run if reference is None else reference)[1]
+        verdict = _drift(roles, run, "energy_less_work", tolerance, "time step", unknown)
         if unknown < tolerance * verdict.scale or verdict.scale == 0.0:
             verdicts.append(verdict)
     return verdicts
 
 
-def _drift(scene: Scene, run: Trajectory, name: str, tolerance: float, meaning: str, unknown: float = 0.0) -> Verdict:
+def _drift(roles: Roles, run: Trajectory, name: str, tolerance: float, meaning: str, unknown: float = 0.0) -> Verdict:
     """Return the verdict on the largest change of an observable from its start, which may err by ``unknown``."""
-    reading, backend = read(name, scene, run), engine_for(scene)
+    reading, backend = read(name, roles.scene, run), roles.engine
     observable, scale = reading.observable, float(reading.scale[0])
     drift, uncertainty = (
         part / scale if scale > 0.0 else 0.0 for part in (np.max(np.abs(reading.values - reading.values[0])), unknown)
     )
     return Verdict(
-        scene=scene.name,
+        scene=roles.scene.name,
         quantity=observable.words,
         backend=backend,
         reference="its own start",
@@ -316,17 +315,17 @@ def _drift(scene: Scene, run: Trajectory, name: str, tolerance: float, meaning: 
     )
 
 
-def model(scene: Scene, theory: Trajectory, reference: Trajectory) -> list[Verdict]:
+def model(roles: Roles, theory: Trajectory, reference: Trajectory) -> list[Verdict]:
     """Return the differences of binary collisions from the reference: numbers of a theory with other equations."""
-    differences = [difference(quantity, theory, reference, scene) for quantity in MODELLED]
-    if scene.n_body <= 2:
+    differences = [difference(quantity, theory, reference, roles.scene) for quantity in MODELLED]
+    if roles.scene.n_body <= 2:
         differences = [part for part in differences if part.quantity != "residence_time"]
     # where only one of the two reaches the end there is no arrival to compare
     differences = [part for part in differences if part.quantity != "arrival_at_end" or math.isfinite(part.value)]
     return [
         Verdict.of(
             part,
-            scene=scene.name,
+            scene=roles.scene.name,
             backend=THEORY,
             reference=REFERENCE,
             outcome=Outcome.MODEL_DIFFERENCE,

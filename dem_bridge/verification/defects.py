@@ -7,18 +7,18 @@ from dataclasses import replace
 
 from dem_bridge.lmp.known_defects import known_defects
 from dem_bridge.observables.verdict import Outcome, Verdict
-from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 
 
-def named_failures(scene: Scene, engine: str, run: Trajectory | None, verdicts: Iterable[Verdict]) -> Iterator[Verdict]:
+def named_failures(scene: str, engine: str, run: Trajectory | None, verdicts: Iterable[Verdict]) -> Iterator[Verdict]:
     """Yield the verdicts, each failure of LAMMPS with the known defects that the deck of its run meets.
 
     A defect that the deck meets and that no verdict shows has a verdict that says so.
 
     Parameters
     ----------
-    scene : Scene
+    scene : str
+        Its name.
     engine : str
         Backend that is LAMMPS.
     run : Trajectory or None
@@ -38,7 +38,7 @@ def named_failures(scene: Scene, engine: str, run: Trajectory | None, verdicts: 
         yield verdict
     if met and not shown:
         yield Verdict(
-            scene=scene.name,
+            scene=scene,
             quantity="known defect",
             backend=engine,
             reference="",

@@ -47,6 +47,7 @@ Other = TypeVar("Other")
 class Roles:
     """Backends by the part that they play on one scene."""
 
+    scene: Scene
     engine: str
     """The LAMMPS backend that is verified: ``pair_style granular`` where it has the laws, otherwise ``table``."""
     solver: str
@@ -68,16 +69,11 @@ def assign_roles(scene: Scene) -> Roles:
     >>> roles.engine, roles.solver, roles.second_reference
     ('lammps-granular', 'reference', 'scipy')
     """
-    engine = engine_for(scene)
+    engine = GRANULAR if GRANULAR_STYLE.covers(scene) else TABLE
     if SERIES.covers(scene):
-        return Roles(engine=engine, solver=REFERENCE, second_reference=SCIPY)
+        return Roles(scene=scene, engine=engine, solver=REFERENCE, second_reference=SCIPY)
     second = BLANES_MOAN if supports_of(BLANES_MOAN).covers(scene) else None
-    return Roles(engine=engine, solver=SCIPY, second_reference=second)
-
-
-def engine_for(scene: Scene) -> str:
-    """Return the LAMMPS backend that is verified on a scene."""
-    return GRANULAR if GRANULAR_STYLE.covers(scene) else TABLE
+    return Roles(scene=scene, engine=engine, solver=SCIPY, second_reference=second)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,12 +120,13 @@ class Runs(Generic[Item]):
         return self.map(lambda _: next(others))
 
 
-def list_cases(scene: Scene, main: Resolution, *, engine: Engine | None = None, full: bool = True) -> Runs[Case]:
+def list_cases(roles: Roles, main: Resolution, *, engine: Engine | None = None, full: bool = True) -> Runs[Case]:
     """List the runs that the verification of a scene needs; nothing is run.
 
     Parameters
     ----------
-    scene : Scene
+    roles : Roles
+        Of the scene.
     main : Resolution
         Settings of the main runs of engine and twin; its ``dt`` is set.
     engine : Engine, optional
@@ -138,7 +135,7 @@ def list_cases(scene: Scene, main: Resolution, *, engine: Engine | None = None, 
         With the refinement levels, and with the uncertainty of the second reference where that is scipy.
     """
     assert main.dt is not None
-    roles, sampling = assign_roles(scene), Sampling(count=scene.samples)
+    scene, sampling = roles.scene, Sampling(count=roles.scene.samples)
     levels = [replace(main, dt=factor * main.dt) for factor in REFINEMENT if full]
     tabled = replace(main, tables=roles.takes_tables)
     positional = replace(tabled, surrogate_radius=prescan_scene(scene).surrogate_radius)

@@ -21,7 +21,7 @@ from dem_bridge.runs.store import Store
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.closed_form import closed_form_table
-from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, assign_roles
+from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
 from dem_bridge.version import __version__
 
 SCHEMA = "dem-bridge/verdicts/1"
@@ -177,7 +177,7 @@ def _limits(studies: Sequence[SceneStudy]) -> Iterator[str]:
     alone = [
         study.scene.name
         for study in studies
-        if study.run(REFERENCE) is not None and study.scene.dissipates and assign_roles(study.scene).solver == SCIPY
+        if study.run(REFERENCE) is not None and study.scene.dissipates and study.roles.solver == SCIPY
     ]
     if alone:
         yield TEXTS("alone", scenes=", ".join(alone), code=SCIPY)

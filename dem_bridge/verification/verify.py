@@ -28,7 +28,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene
 from dem_bridge.verification.defects import named_failures
-from dem_bridge.verification.roles import REFERENCE, Runs, assign_roles, engine_for, list_cases
+from dem_bridge.verification.roles import REFERENCE, Roles, Runs, assign_roles, list_cases
 from dem_bridge.verification.verification import TEXTS, Verification, verification_of
 
 #: wanted accuracy of velocities where none is named; the paper's chains reach it at dt = 1e-8 s
@@ -63,7 +63,7 @@ def verify_scenes(
 class ScenePlan:
     """The runs to be made for one scene, or the reason why they could not be chosen."""
 
-    scene: Scene
+    roles: Roles
     accuracy: float
     runs: Runs[Case] | None = None
     """None: no settings could be chosen, and ``error`` says why."""
@@ -79,24 +79,24 @@ class ScenePlan:
     def assess(self, results: Sequence[Result], store: Store | None = None) -> SceneStudy:
         """Judge the results of :attr:`cases`, given in their order, unless the store has their verdicts."""
         if self.error is not None:
-            study = study_without_runs(self.scene, self.error)
+            study = study_without_runs(self.roles, self.error)
             runs = [result.trajectory for result in results if result.trajectory is not None]
             # the default step is made for the default accuracy, and there is no run at a finer one
             tolerance = max(self.accuracy, DEFAULT_ACCURACY)
-            conserved = [verdict for run in runs for verdict in checks.conserved(self.scene, run, tolerance)]
+            conserved = [verdict for run in runs for verdict in checks.conserved(self.roles, run, tolerance)]
             return replace(study, verdicts=(*study.verdicts, *conserved))
         assert self.runs is not None
         count = len(results) - len(self.others)
         filled = self.runs.filled(results[:count])
 
         def judge() -> dict[str, Any]:
-            study = assess_scene(self.scene, filled, self.accuracy)
+            study = assess_scene(self.roles, filled, self.accuracy)
             return {name: getattr(study, name) for name in ("verdicts", "refinement", "budgets", "observables")}
 
         keys = [result.key for result in filled]
-        judged = recall(store, "assessment", keys, judge, scenes=[self.scene], accuracy=self.accuracy)
-        study = SceneStudy(scene=self.scene, runs=filled, others=tuple(results[count:]), **judged)
-        verdicts = named_failures(self.scene, study.engine, study.run(study.engine), study.verdicts)
+        judged = recall(store, "assessment", keys, judge, scenes=[self.roles.scene], accuracy=self.accuracy)
+        study = SceneStudy(roles=self.roles, runs=filled, others=tuple(results[count:]), **judged)
+        verdicts = named_failures(study.scene.name, study.engine, study.run(study.engine), study.verdicts)
         return replace(study, verdicts=tuple(verdicts))
 
 
@@ -115,22 +115,23 @@ def plan_scene(
     A scene for which no settings can be chosen has a plan with the reason. Where no time step reaches the accuracy (no
     step does beyond the predictability horizon) one run at the default step is left, to judge conserved quantities by.
     """
+    roles = assign_roles(scene)
     try:
         recall_prescan(None if cache is None else cache.store, scene)
-        main = main_resolution(scene, accuracy, cache)
-        runs = list_cases(scene, main, engine=engine, full=full)
-        return ScenePlan(scene=scene, accuracy=accuracy, runs=runs, others=tuple(others))
+        main = main_resolution(roles, accuracy, cache)
+        runs = list_cases(roles, main, engine=engine, full=full)
+        return ScenePlan(roles=roles, accuracy=accuracy, runs=runs, others=tuple(others))
     except (RunBroken, UnsupportedScene) as error:
-        return ScenePlan(scene=scene, accuracy=accuracy, error=error)
+        return ScenePlan(roles=roles, accuracy=accuracy, error=error)
     except UsageError as error:
-        names: dict[str, Any] = {"backend": engine_for(scene), "engine": engine, "uncertainty": False}
+        names: dict[str, Any] = {"backend": roles.engine, "engine": engine, "uncertainty": False}
         default = Case(scene=scene, resolution=Resolution(), sampling=Sampling(count=scene.samples), **names)
-        return ScenePlan(scene=scene, accuracy=accuracy, error=error, others=(default,))
+        return ScenePlan(roles=roles, accuracy=accuracy, error=error, others=(default,))
 
 
-def main_resolution(scene: Scene, accuracy: float, cache: RunCache | None = None) -> Resolution:
+def main_resolution(roles: Roles, accuracy: float, cache: RunCache | None = None) -> Resolution:
     """Choose the step of the main runs: the largest whose velocity uncertainty of LAMMPS is within ``accuracy``."""
-    tables, sampling = assign_roles(scene).takes_tables, Sampling(count=scene.samples)
+    scene, tables, sampling = roles.scene, roles.takes_tables, Sampling(count=roles.scene.samples)
     store = cache.store if cache is not None else None
 
     def choose() -> float | None:
@@ -145,12 +146,12 @@ def main_resolution(scene: Scene, accuracy: float, cache: RunCache | None = None
     return Resolution(dt=recall(store, "main step", [], choose, scenes=[scene], accuracy=accuracy, tables=tables))
 
 
-def study_without_runs(scene: Scene, error: RunBroken | UnsupportedScene | UsageError) -> SceneStudy:
+def study_without_runs(roles: Roles, error: RunBroken | UnsupportedScene | UsageError) -> SceneStudy:
     """Return the study of a scene for which not even the runs could be chosen: one verdict with the reason."""
     outcomes = {RunBroken: Outcome.BROKEN, UnsupportedScene: Outcome.NOT_RUN, UsageError: Outcome.UNDECIDED}
-    names = {"scene": scene.name, "backend": engine_for(scene), "reference": REFERENCE}
+    names = {"scene": roles.scene.name, "backend": roles.engine, "reference": REFERENCE}
     verdict = TEXTS.verdict("without_runs", **names, outcome=outcomes[type(error)], error=error)
-    return SceneStudy(scene=scene, verdicts=(verdict,))
+    return SceneStudy(roles=roles, verdicts=(verdict,))
 
 
 def check_jobs(jobs: object) -> None:

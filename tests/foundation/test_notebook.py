@@ -19,6 +19,7 @@ from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.law import law_of
 from dem_bridge.report.study import Study, Table
 from dem_bridge.trajectory.trajectory import own_scale
+from dem_bridge.verification.roles import assign_roles
 from dem_bridge.verification.verification import verification_of
 from dem_bridge.verification.verify import study_without_runs
 from tests.conftest import Solve
@@ -161,7 +162,7 @@ def test_bars_that_are_not_known_are_said_to_be(solved: Solve) -> None:
 
 
 def test_a_verification_shows_each_outcome_by_word_and_ground() -> None:
-    study = study_without_runs(SCENE, REFUSED)
+    study = study_without_runs(assign_roles(SCENE), REFUSED)
     found = verification_of([study], accuracy=1e-6, wall=1.0, notes=("a <note>",))
     text = _text(found._repr_html_())
     assert "UNDECIDED 1" in text.replace("\u00a0", " ")
@@ -169,7 +170,7 @@ def test_a_verification_shows_each_outcome_by_word_and_ground() -> None:
     assert "a <note>" in text
     assert study.verdicts[0].sentence in text
     several = verification_of(
-        [study, study_without_runs(replace(SCENE, name="other"), REFUSED)], accuracy=1e-6, wall=1.0
+        [study, study_without_runs(assign_roles(replace(SCENE, name="other")), REFUSED)], accuracy=1e-6, wall=1.0
     )
     text = _text(several._repr_html_())
     assert "UNDECIDED 2" in text.replace("\u00a0", " ")

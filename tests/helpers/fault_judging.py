@@ -14,7 +14,7 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import assess_scene
-from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, Runs, engine_for
+from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, Runs, assign_roles
 from dem_bridge.verification.verify import plan_scene
 
 Results = Runs[Result]
@@ -87,6 +87,7 @@ class Bench:
 
     def __init__(self, scene: Scene, accuracy: float) -> None:
         self.scene, self.accuracy = scene, accuracy
+        self.roles = assign_roles(scene)
 
     @cached_property
     def cases(self) -> Runs[Case]:
@@ -98,12 +99,11 @@ class Bench:
     @property
     def engine_cases(self) -> list[Case]:
         """Return LAMMPS' cases, the main one first."""
-        return self.of(engine_for(self.scene))
+        return self.of(self.roles.engine)
 
     @cached_property
     def _results_of_ours(self) -> dict[int, Result]:
-        engine = engine_for(self.scene)
-        return {id(case): run_case(case) for case in self.cases if case.backend != engine}
+        return {id(case): run_case(case) for case in self.cases if case.backend != self.roles.engine}
 
     def runs_with(self, run_engine: Callable[[Case], Result]) -> Results:
         """Return results in which ``run_engine`` makes those of LAMMPS; all others are made once."""
@@ -133,7 +133,7 @@ class Bench:
 
     def verdicts(self, results: Results) -> dict[str, Verdict]:
         """Return the verdicts by name, without those on the theory, which are never pass or fail."""
-        judged = [v for v in assess_scene(self.scene, results, self.accuracy).verdicts if v.backend != THEORY]
+        judged = [v for v in assess_scene(self.roles, results, self.accuracy).verdicts if v.backend != THEORY]
         by_name = {named(verdict): verdict for verdict in judged}
         assert len(by_name) == len(judged), "two verdicts share a name"
         return by_name

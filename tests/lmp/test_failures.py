@@ -24,6 +24,7 @@ from dem_bridge.runs.campaign import run_case
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.checks import accuracy
+from dem_bridge.verification.roles import assign_roles
 from tests.conftest import Solve
 from tests.helpers.processes import EventClock, all_end, happens, running
 
@@ -113,7 +114,7 @@ def test_a_step_that_is_too_large_shows_in_the_bar_and_nowhere_else(solved: Solv
     assert error > 1e-2 * 0.8
     assert run.uncertainty["velocity"] >= error
     # the other quantities are held against their own bars
-    verdicts = accuracy(scene, "lammps-granular", run, truth, 5e-6)
+    verdicts = accuracy(assign_roles(scene), "lammps-granular", run, truth, 5e-6)
     assert [verdict.outcome for verdict in verdicts if verdict.quantity == "velocity"] == [Outcome.FAIL]
 
 

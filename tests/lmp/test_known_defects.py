@@ -89,7 +89,7 @@ def _verdict(outcome: Outcome, backend: str = "lammps-granular") -> Verdict:
 
 def _named(names: list[str], *verdicts: Verdict) -> list[Verdict]:
     run: Any = SimpleNamespace(provenance={"lammps": {"known_defects": names}})
-    return list(named_failures(PAIR, "lammps-granular", run, verdicts))
+    return list(named_failures("pair", "lammps-granular", run, verdicts))
 
 
 def test_a_failure_has_the_name_of_the_defect_and_counts_unless_defects_are_accepted() -> None:

@@ -16,6 +16,7 @@ from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Table
 from dem_bridge.studies.work_precision import curves as work_curves
 from dem_bridge.verification.checks import accuracy
+from dem_bridge.verification.roles import assign_roles
 from tests.helpers.command_line import run_here
 from tests.helpers.fake_runs import CHAIN
 from tests.helpers.registered import MEAN_VELOCITY, registered
@@ -94,9 +95,9 @@ def test_export_has_it(file: Path, tmp_path: Path) -> None:
 def test_a_faulty_value_of_it_is_a_verdict_that_fails(file: Path) -> None:
     scene = db.load_scene(file)
     reference = db.solve(scene, backend="reference")
-    run = db.solve(scene, backend="verlet", dt=1e-7)
-    outcomes = {verdict.quantity: verdict.outcome for verdict in accuracy(scene, "engine", run, reference, 1e-4)}
+    run, roles = db.solve(scene, backend="verlet", dt=1e-7), assign_roles(scene)
+    outcomes = {verdict.quantity: verdict.outcome for verdict in accuracy(roles, "engine", run, reference, 1e-4)}
     assert outcomes["mean_velocity"] is Outcome.PASS
     faulty = replace(run, velocity=run.velocity * 1.01)
-    outcomes = {verdict.quantity: verdict.outcome for verdict in accuracy(scene, "engine", faulty, reference, 1e-4)}
+    outcomes = {verdict.quantity: verdict.outcome for verdict in accuracy(roles, "engine", faulty, reference, 1e-4)}
     assert outcomes["mean_velocity"] is Outcome.FAIL

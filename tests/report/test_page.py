@@ -32,7 +32,7 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.verification.assess import SceneStudy, assess_scene
 from dem_bridge.verification.junit import junit
-from dem_bridge.verification.roles import TWIN, engine_for
+from dem_bridge.verification.roles import TWIN, assign_roles
 from dem_bridge.verification.verification import SCHEMA, Verification, verification_of
 from dem_bridge.verification.verify import plan_scene
 from tests.helpers.fake_paper import NOTHING, fake_paper
@@ -53,9 +53,9 @@ def _verification(scene: Scene, broken: bool = False) -> Verification:
     """All runs of a small scene, with the twin (or a broken run) standing in for LAMMPS."""
 
     def run(case: Case) -> Result:
-        if broken and case.backend == engine_for(scene):
+        if broken and case.backend == assign_roles(scene).engine:
             return Result(case=case, failure=RunBroken("LAMMPS: ERROR: Lost atoms"))
-        name = TWIN if case.backend == engine_for(scene) else case.backend
+        name = TWIN if case.backend == assign_roles(scene).engine else case.backend
         how = case.resolution
         run = db.solve(
             scene, backend=name, dt=how.dt, uncertainty=case.uncertainty, surrogate_radius=how.surrogate_radius
@@ -152,13 +152,13 @@ def test_what_is_not_verified_goes_by_what_was_run(
 ) -> None:
     scene = replace(PAIR, **changes)
     run = free_flight(bodies=3, contacts=2)
-    case = Case(scene=scene, backend=engine_for(scene), resolution=Resolution(), sampling=Sampling(count=2))
+    case = Case(scene=scene, backend=assign_roles(scene).engine, resolution=Resolution(), sampling=Sampling(count=2))
     truth = replace(case, backend="reference")
     results = (
         Result(case=case, trajectory=replace(run, provenance={"settings": {}, **provenance})),
         Result(case=truth, trajectory=replace(run, provenance={"settings": {}})),
     )
-    study = SceneStudy(scene=scene, others=results, verdicts=())
+    study = SceneStudy(roles=assign_roles(scene), others=results, verdicts=())
     lines = verification_of([study], accuracy=1e-3, wall=1.0).not_verified
     assert [line for line in lines if words in line], lines
     assert any("by a second method" in line for line in lines) == bool({"damping", "drag"} & set(changes))
@@ -194,7 +194,7 @@ def test_a_broken_run_stands_in_the_headline_and_is_no_pass() -> None:
 def test_a_failed_check_stands_in_the_headline_instead_of_praise(found: Verification) -> None:
     [study] = found.studies
     assert study.runs is not None
-    strict = assess_scene(PAIR, study.runs, 1e-9)
+    strict = assess_scene(assign_roles(PAIR), study.runs, 1e-9)
     [sentence] = verification_of([strict], accuracy=1e-3, wall=1.0).answer
     assert "FAIL" in sentence
     assert "are round-off" not in sentence

@@ -28,6 +28,7 @@ from dem_bridge.verification.figures import (
     spacetime_maps,
 )
 from dem_bridge.verification.motion import error_scale, motion
+from dem_bridge.verification.roles import assign_roles
 
 
 def _chain(name: str, *stiffness: float, **more: Any) -> Scene:
@@ -53,7 +54,7 @@ def _run(scene: Scene, backend: str, **settings: Any) -> Result:
 def _study(scene: Scene, *backends: str, **more: Any) -> SceneStudy:
     settings: dict[str, Any] = {"lammps-granular": {"dt": 1e-7}, "verlet": {"dt": 1e-7}}
     runs = tuple(_run(scene, name, **settings.get(name, {})) for name in backends)
-    return SceneStudy(scene=scene, others=runs, verdicts=(), **more)
+    return SceneStudy(roles=assign_roles(scene), others=runs, verdicts=(), **more)
 
 
 @pytest.fixture(scope="module", name="six")
@@ -149,7 +150,7 @@ def test_convergence_has_the_errors_of_each_step_and_a_line_of_the_order() -> No
         sentence="", difference=3e-9,
     )  # fmt: skip
     runs = _study(SIX, "lammps-granular").others
-    study = SceneStudy(scene=SIX, others=runs, verdicts=(verdict,), refinement=refinement)
+    study = SceneStudy(roles=assign_roles(SIX), others=runs, verdicts=(verdict,), refinement=refinement)
     [ax] = _panels(convergence([study]))
     points = _points(ax)
     np.testing.assert_allclose(points["LAMMPS - reference"], np.stack([steps, errors], axis=1))
@@ -172,7 +173,7 @@ def _budget(quantity: str, found: float, **parts: float) -> Budget:
 
 def test_a_budget_has_a_bar_of_each_part_on_one_axis() -> None:
     budgets = (_budget("velocity", 1.1e-6), _budget("peak_force", 4e-5, table=3e-5), _budget("crossing_time", 2e-6))
-    figure = error_budget([SceneStudy(scene=SIX, verdicts=(), budgets=budgets)])
+    figure = error_budget([SceneStudy(roles=assign_roles(SIX), verdicts=(), budgets=budgets)])
     panels = _panels(figure)
     assert [ax.get_title() for ax in panels] == ["velocity", "peak force", "crossing time"]
     low, high = 0.3 * 3e-13, 300.0 * 4e-5
@@ -191,7 +192,7 @@ def test_a_budget_has_a_bar_of_each_part_on_one_axis() -> None:
     names = [tick.get_text() for tick in panels[0].get_yticklabels()]
     assert names == ["total error", *budgets[0].parts, "unexplained"]
     nothing = Budget(quantity="velocity", found=0.0, parts={}, unexplained=0.0, allowed=0.0, scale_name="largest")
-    assert error_budget([SceneStudy(scene=SIX, verdicts=(), budgets=(nothing,))]) is None
+    assert error_budget([SceneStudy(roles=assign_roles(SIX), verdicts=(), budgets=(nothing,))]) is None
 
 
 def test_few_bodies_are_lines_with_their_closed_form() -> None:
@@ -225,7 +226,7 @@ def test_many_bodies_are_maps(six: SceneStudy) -> None:
         shown = np.asarray(ax.collections[0].get_array())
         np.testing.assert_array_equal(shown, values[: len(shown)])
         assert run.time[len(shown) - 1] <= 1.15 * run.crossing_time[-1] < run.time[len(shown)]
-    assert motion([SceneStudy(scene=SIX, verdicts=())]) is None
+    assert motion([SceneStudy(roles=assign_roles(SIX), verdicts=())]) is None
     # of a chain in which nothing meets the whole run is shown
     still = _study(replace(TEN, name="still", velocity=(0.0,) * 10), "reference")
     assert [len(np.asarray(ax.collections[0].get_array())) for ax in _panels(motion([still]))] == [101, 101]
@@ -239,7 +240,7 @@ def test_errors_stand_on_one_scale_in_their_own_rows() -> None:
         )
         for backend, difference, tolerance in (("lammps-granular", 1e-6, 1e-5), ("scipy", 5e-11, 1e-7))
     )  # fmt: skip
-    study = SceneStudy(scene=SIX, verdicts=verdicts, budgets=(_budget("velocity", 1.1e-6),))
+    study = SceneStudy(roles=assign_roles(SIX), verdicts=verdicts, budgets=(_budget("velocity", 1.1e-6),))
     panel = error_scale(study)
     assert panel is not None
     errors, tolerance = panel.series
@@ -251,7 +252,7 @@ def test_errors_stand_on_one_scale_in_their_own_rows() -> None:
     }  # fmt: skip
     assert errors.y.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     assert (tolerance.x.tolist(), tolerance.y.tolist()) == ([1e-5, 1e-5], [-0.5, 4.5])
-    assert error_scale(SceneStudy(scene=SIX, verdicts=())) is None
+    assert error_scale(SceneStudy(roles=assign_roles(SIX), verdicts=())) is None
 
 
 def test_velocities_are_those_of_the_bodies_that_are_named() -> None:
@@ -265,10 +266,10 @@ def test_velocities_are_those_of_the_bodies_that_are_named() -> None:
 
 
 def test_a_budget_alone_has_an_axis_from_below_its_least_part_to_above_its_largest() -> None:
-    study = SceneStudy(scene=SIX, verdicts=(), budgets=(_budget("velocity", 1.1e-6),))
+    study = SceneStudy(roles=assign_roles(SIX), verdicts=(), budgets=(_budget("velocity", 1.1e-6),))
     ax = db.plot.budget(study)
     # a third of the unexplained part, and 300 times the total
     assert ax.get_xlim() == pytest.approx((0.3 * 3e-13, 300.0 * 1.1e-6), rel=1e-12, abs=0.0)
     nothing = Budget(quantity="velocity", found=0.0, parts={}, unexplained=0.0, allowed=1e-12, scale_name="largest")
-    ax = db.plot.budget(SceneStudy(scene=SIX, verdicts=(), budgets=(nothing,)))
+    ax = db.plot.budget(SceneStudy(roles=assign_roles(SIX), verdicts=(), budgets=(nothing,)))
     assert ax.get_xlim() == pytest.approx((3e-17, 3e-14), rel=1e-12, abs=0.0)

@@ -33,6 +33,7 @@ from dem_bridge.verification.figures import (
     spacetime_maps,
 )
 from dem_bridge.verification.motion import error_scale, motion
+from dem_bridge.verification.roles import assign_roles
 from tests.report.test_scene_figures import SIX, TEN, _budget, _chain, _panels, _points, _study
 
 
@@ -115,7 +116,7 @@ def test_convergence_of_several_scenes_has_a_legend_for_each_order() -> None:
         for backend, reference, difference in (("lammps-granular", "reference", 7.0), ("scipy", "verlet", 8.0))
     )  # fmt: skip
     runs = _study(SIX, "lammps-granular").others
-    first = SceneStudy(scene=SIX, others=runs, verdicts=verdicts, refinement=refinement)
+    first = SceneStudy(roles=assign_roles(SIX), others=runs, verdicts=verdicts, refinement=refinement)
     figure = convergence([first, replace(first, others=(), verdicts=())])
     assert figure is not None
     assert tuple(figure.get_size_inches()) == pytest.approx((WIDTH, 2.8))
@@ -132,7 +133,7 @@ def test_convergence_of_several_scenes_has_a_legend_for_each_order() -> None:
     assert "LAMMPS - twin" not in _points(convergence([replace(first, others=(), verdicts=twins)]).axes[0])  # type: ignore[union-attr]
     # a scene with another order has a slope and a legend of its own
     soft = replace(SIX, name="soft", exponent=1.2)
-    other = replace(first, scene=soft)
+    other = replace(first, roles=assign_roles(soft))
     both = convergence([first, first, other])
     assert both is not None
     slopes = [next(name for name in _points(ax) if name.startswith("slope")) for ax in both.axes]
@@ -146,7 +147,7 @@ def test_convergence_of_several_scenes_has_a_legend_for_each_order() -> None:
 @pytest.mark.parametrize(("count", "columns", "rows"), [(1, 1, 1), (2, 2, 1), (3, 2, 2), (4, 2, 2)])
 def test_budgets_stand_in_two_columns(count: int, columns: int, rows: int) -> None:
     names = ("velocity", "peak_force", "crossing_time", "displacement")[:count]
-    study = SceneStudy(scene=SIX, verdicts=(), budgets=tuple(_budget(name, 1e-6) for name in names))
+    study = SceneStudy(roles=assign_roles(SIX), verdicts=(), budgets=tuple(_budget(name, 1e-6) for name in names))
     figure = error_budget([study])
     assert figure is not None
     assert tuple(figure.get_size_inches()) == pytest.approx((columns * 0.5 * WIDTH, rows * 2.0))
@@ -178,7 +179,7 @@ def test_numbers_stand_at_the_ends_of_their_bars() -> None:
     assert ax.xaxis.get_major_locator().numticks == 5  # type: ignore[attr-defined]
     assert ax.xaxis.get_major_formatter()(1e-9, 0) == "1e-9"
     assert ax.get_xscale() == "log"
-    figure = error_budget([SceneStudy(scene=SIX, verdicts=(), budgets=(budget,))])
+    figure = error_budget([SceneStudy(roles=assign_roles(SIX), verdicts=(), budgets=(budget,))])
     assert figure is not None
     assert figure.axes[0].get_xlim() == pytest.approx((low, high), rel=1e-12, abs=0.0)
 
@@ -242,7 +243,7 @@ def test_only_errors_that_are_known_and_not_zero_have_rows(found: float, value: 
     budget = replace(
         _budget("velocity", found), parts=dict.fromkeys(("reference", "round-off", "table", "time step"), value)
     )
-    panel = error_scale(SceneStudy(scene=SIX, verdicts=(_verdict(value),), budgets=(budget,)))
+    panel = error_scale(SceneStudy(roles=assign_roles(SIX), verdicts=(_verdict(value),), budgets=(budget,)))
     expected = [] if value != 3e-7 else ["uncertainty of reference", "round-off", "force tables", "time step"]
     expected += ["LAMMPS, total"] * (found == 2e-6) + ["second reference"] * (value == 3e-7)
     assert (panel is None) is (not expected)
@@ -257,15 +258,18 @@ def test_the_tolerance_is_the_largest_of_those_that_are_numbers() -> None:
         _verdict(1e-9, None), _verdict(2e-9, math.inf), _verdict(2e-9, 0.0), _verdict(2e-9, 1e-7), _verdict(2e-9, 3e-8),
         _verdict(2e-9, 1.0, quantity="displacement"), _verdict(2e-9, 1.0, reference="verlet"),
     )  # fmt: skip
-    panel = error_scale(SceneStudy(scene=SIX, verdicts=verdicts))
+    panel = error_scale(SceneStudy(roles=assign_roles(SIX), verdicts=verdicts))
     assert panel is not None
     assert panel.series[1].x.tolist() == [1e-7, 1e-7]
     # without one, or where no run was compared
     for verdict in (_verdict(1e-9, math.nan), _verdict(1e-9, 0.0), _verdict(1e-9, None)):
-        lone = error_scale(SceneStudy(scene=SIX, verdicts=(verdict,)))
+        lone = error_scale(SceneStudy(roles=assign_roles(SIX), verdicts=(verdict,)))
         assert lone is not None
         assert len(lone.series) == 1
-    assert error_scale(SceneStudy(scene=SIX, verdicts=(_verdict(1e-9, 1.0, outcome=Outcome.NOT_RUN),))) is None
+    assert (
+        error_scale(SceneStudy(roles=assign_roles(SIX), verdicts=(_verdict(1e-9, 1.0, outcome=Outcome.NOT_RUN),)))
+        is None
+    )
 
 
 # figures of notebooks
@@ -336,10 +340,10 @@ def test_a_budget_that_is_missing_is_explained_by_what_did_not_run() -> None:
         _verdict(0.0, sentence="It passed."),
     )  # fmt: skip
     with pytest.raises(UsageError) as error:
-        db.plot.budget(SceneStudy(scene=SIX, verdicts=verdicts))
+        db.plot.budget(SceneStudy(roles=assign_roles(SIX), verdicts=verdicts))
     assert str(error.value).endswith("some of its runs are missing; It fell. It is away.")
     ax = db.plot.budget(
-        SceneStudy(scene=SIX, verdicts=(), budgets=(_budget("peak_force", 1e-6),)), quantity="peak_force"
+        SceneStudy(roles=assign_roles(SIX), verdicts=(), budgets=(_budget("peak_force", 1e-6),)), quantity="peak_force"
     )
     assert ax.get_title(loc="left") == "six: error of the peak force"
     assert ax.get_xlabel() == "difference / largest\ndotted: allowed unexplained error"

@@ -26,6 +26,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.verification import replay
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.bundle import bundle_files, check_bundle, pinned, write_bundle
+from dem_bridge.verification.roles import assign_roles
 from dem_bridge.verification.verification import Verification
 from tests.helpers.fake_paper import NOTHING, fake_paper
 
@@ -165,7 +166,7 @@ def test_a_list_of_files_that_points_elsewhere_deletes_nothing_there(tmp_path: P
 
 def test_scenes_whose_laws_are_functions_are_named_in_one_line(tmp_path: Path) -> None:
     glued = replace(SMALL, name="glued", law=lambda overlap: 4e9 * overlap**1.5)
-    studies = tuple(SceneStudy(scene=one, verdicts=()) for one in (SMALL, glued))
+    studies = tuple(SceneStudy(roles=assign_roles(one), verdicts=()) for one in (SMALL, glued))
     files = bundle_files(replace(NOTHING, studies=studies), report={})
     readme, told = str(files["README.md"]), json.loads(files["bundle.json"])
     assert [

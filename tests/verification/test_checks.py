@@ -15,9 +15,11 @@ from dem_bridge.studies import styles
 from dem_bridge.trajectory.trajectory import UNKNOWN, Trajectory
 from dem_bridge.verification import checks
 from dem_bridge.verification.regression import compare
+from dem_bridge.verification.roles import assign_roles
 from tests.helpers.fake_runs import free_flight, uncertain
 
 SCENE = Scene(name="three", duration=1.0, mass=(2.0, 4.0, 8.0), stiffness=(100.0, 100.0), velocity=(1.0, 2.0, 3.0))
+ROLES = assign_roles(SCENE)
 RIGHT = free_flight()
 #: off by 30 %
 WRONG = free_flight(velocity=1.3 * RIGHT.velocity, peak_force=1.3 * RIGHT.peak_force, crossing_time=[0.1, 0.2])
@@ -39,17 +41,17 @@ def _tables(share: float) -> Trajectory:
 
 #: verdicts whose tolerance is an uncertainty, by its size relative to the value
 CHECKS: dict[str, Callable[[float], Outcome]] = {
-    "implementation": lambda share: checks.implementation(SCENE, _with_parts(WRONG, share), RIGHT).outcome,
+    "implementation": lambda share: checks.implementation(ROLES, _with_parts(WRONG, share), RIGHT).outcome,
     "explained": lambda share: (
-        checks.explained(SCENE, "velocity", _with_parts(WRONG, 0.0), RIGHT, allowed=share).outcome
+        checks.explained(ROLES, "velocity", _with_parts(WRONG, 0.0), RIGHT, allowed=share).outcome
     ),
     "two methods": lambda share: (
-        checks.two_methods(SCENE, replace(WRONG, uncertainty=uncertain(velocity=share * LARGEST)), RIGHT).outcome
+        checks.two_methods(ROLES, replace(WRONG, uncertainty=uncertain(velocity=share * LARGEST)), RIGHT).outcome
     ),
-    "table": lambda share: checks.table(SCENE, _tables(share))[0].outcome,
+    "table": lambda share: checks.table(ROLES, _tables(share))[0].outcome,
     "accuracy": lambda share: next(
         item.outcome
-        for item in checks.accuracy(SCENE, "lammps-granular", _peak_force(WRONG, share), RIGHT, 1e-6)
+        for item in checks.accuracy(ROLES, "lammps-granular", _peak_force(WRONG, share), RIGHT, 1e-6)
         if item.quantity == "peak_force"
     ),
     "regression": lambda share: Outcome(compare.assess(_peak_force(WRONG, share), RIGHT, 1e-6)["peak_force"].outcome),
@@ -77,11 +79,11 @@ def test_without_the_rule_any_value_would_pass(name: str, monkeypatch: pytest.Mo
 
 def test_a_second_reference_without_an_estimate_has_the_uncertainty_of_scipy() -> None:
     near = free_flight(velocity=RIGHT.velocity * (1.0 + 0.5 * checks.SCIPY_UNCERTAINTY), uncertainty=UNKNOWN)
-    assert checks.two_methods(SCENE, near, RIGHT, estimated=False).outcome is Outcome.PASS
-    assert checks.two_methods(SCENE, WRONG, RIGHT, estimated=False).outcome is Outcome.FAIL
-    assert checks.two_methods(SCENE, near, RIGHT).outcome is Outcome.UNDECIDED
+    assert checks.two_methods(ROLES, near, RIGHT, estimated=False).outcome is Outcome.PASS
+    assert checks.two_methods(ROLES, WRONG, RIGHT, estimated=False).outcome is Outcome.FAIL
+    assert checks.two_methods(ROLES, near, RIGHT).outcome is Outcome.UNDECIDED
 
 
 def test_the_sentence_states_that_the_uncertainty_is_too_large() -> None:
-    sentence = checks.explained(SCENE, "velocity", _with_parts(WRONG, 0.0), RIGHT, allowed=2.5).sentence
+    sentence = checks.explained(ROLES, "velocity", _with_parts(WRONG, 0.0), RIGHT, allowed=2.5).sentence
     assert "nothing follows from it, because the tolerance is an uncertainty of 100 % or more: 2.5e+00." in sentence

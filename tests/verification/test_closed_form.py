@@ -17,7 +17,7 @@ from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.closed_form import closed_form, closed_form_table
 from dem_bridge.verification.motion import _forces, _velocities, error_scale, motion
-from dem_bridge.verification.roles import REFERENCE
+from dem_bridge.verification.roles import REFERENCE, assign_roles
 from tests.helpers.legibility import assert_legible
 
 PAIR = Scene(name="pair", duration=1.5e-4, mass=(8.1e-3, 10.1e-3), stiffness=(3.98e9,), velocity=(0.8, 0.0), samples=50)
@@ -36,7 +36,7 @@ LEFT = replace(RIGHT, name="left", velocity=(-0.8,), wall_left=RIGHT.wall_right,
 def _study(scene: Scene, run: Trajectory | None = None) -> SceneStudy:
     run = db.solve(scene, backend=REFERENCE) if run is None else run
     case = Case(scene=scene, backend=REFERENCE, resolution=Resolution(), sampling=Sampling(count=scene.samples))
-    return SceneStudy(scene=scene, others=(Result(case=case, trajectory=run),), verdicts=())
+    return SceneStudy(roles=assign_roles(scene), others=(Result(case=case, trajectory=run),), verdicts=())
 
 
 @pytest.mark.parametrize("scene", [PAIR, RIGHT, LEFT], ids=lambda scene: scene.name)

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from dem_bridge.verification import assess
+from dem_bridge.verification.roles import assign_roles
 from tests.helpers.export_chains import PAIR
 from tests.helpers.fake_runs import NO_ERROR, free_flight
 
@@ -19,14 +20,14 @@ def _roles(**runs: Any) -> Any:
 def test_without_a_reference_no_accuracy_is_judged() -> None:
     run = free_flight(bodies=2, contacts=1)
     roles = _roles(engine=run, twin=run)
-    assert list(assess._observables(PAIR, roles)) == []
-    assert list(assess._accuracy(PAIR, _roles(), roles, {}, 1e-3)) == []
+    assert list(assess._observables(assign_roles(PAIR), roles)) == []
+    assert list(assess._accuracy(assign_roles(PAIR), _roles(), roles, {}, 1e-3)) == []
 
 
 def test_without_a_twin_lammps_has_nothing_beside_it_and_without_a_positional_one_no_budget() -> None:
     parts = {"round_off": 1e-12, "last_digit": 1e-16}
     run = free_flight(bodies=2, contacts=1, uncertainty=replace(NO_ERROR, parts=parts))
-    assert list(assess._implementation(PAIR, _roles(), ())) == []
-    assert list(assess._implementation(PAIR, _roles(engine=run), ())) == []
-    [verdict] = assess._implementation(PAIR, _roles(engine=run, twin=run), ())
+    assert list(assess._implementation(assign_roles(PAIR), _roles(), ())) == []
+    assert list(assess._implementation(assign_roles(PAIR), _roles(engine=run), ())) == []
+    [verdict] = assess._implementation(assign_roles(PAIR), _roles(engine=run, twin=run), ())
     assert (verdict.outcome.value, verdict.difference) == ("PASS", 0.0)

@@ -9,6 +9,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.roles import assign_roles
 from dem_bridge.verification.scope import PARTS, scope
 from dem_bridge.verification.verification import verification_of
 
@@ -21,7 +22,7 @@ VERDICT = Verdict(
 def test_the_scope_has_the_ranges_of_the_scenes_and_the_counts_of_the_verdicts(outcome: Outcome) -> None:
     scenes = [db.load_scene(name) for name in ("decelerating-40", "stacked-40", "homogeneous-spheres")]
     verdicts = (VERDICT, replace(VERDICT, outcome=outcome))
-    studies = [SceneStudy(scene=scene, verdicts=verdicts) for scene in scenes]
+    studies = [SceneStudy(roles=assign_roles(scene), verdicts=verdicts) for scene in scenes]
     parts = dict(scope(verification_of(studies, accuracy=1e-5, wall=0.0)))
     assert len(parts) == len(PARTS)
     assert "Scenes: 3. Bodies: 41 to 101." in parts["Domain tested"]

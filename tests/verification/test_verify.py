@@ -26,7 +26,7 @@ from dem_bridge.scene.support import Support
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import assess_scene
-from dem_bridge.verification.roles import BLANES_MOAN, REFERENCE, SCIPY, TABLE, THEORY, TWIN, Runs, engine_for
+from dem_bridge.verification.roles import BLANES_MOAN, REFERENCE, SCIPY, TABLE, THEORY, TWIN, Runs, assign_roles
 from dem_bridge.verification.verify import plan_scene, verify_scenes
 from tests.helpers.fake_runs import free_flight
 
@@ -39,7 +39,8 @@ SHORT = Scene(
     samples=50,
     spacing=18e-3,
 )
-ACCURACY, ENGINE = 1e-4, engine_for(SHORT)
+ACCURACY, ROLES = 1e-4, assign_roles(SHORT)
+ENGINE = ROLES.engine
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +81,7 @@ def _outcome(verdicts: tuple[Verdict, ...], quantity: str, backend: str, referen
 
 
 def test_runs_without_a_fault_pass_everything(results: Runs[Result]) -> None:
-    verdicts = assess_scene(SHORT, results, ACCURACY).verdicts
+    verdicts = assess_scene(ROLES, results, ACCURACY).verdicts
     outcomes = {v.outcome for v in verdicts}
     assert outcomes == {Outcome.PASS, Outcome.MODEL_DIFFERENCE}, [v.sentence for v in verdicts]
     assert {v.quantity for v in verdicts if v.backend == ENGINE} == {
@@ -98,7 +99,7 @@ def _main_run(results: Runs[Result], backend: str) -> Trajectory:
 def test_a_late_velocity_fails_against_twin_and_reference_and_says_where(results: Runs[Result]) -> None:
     velocity = _main_run(results, ENGINE).velocity.copy()
     velocity[30:, 2] += 2e-4 * 0.8
-    verdicts = assess_scene(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
+    verdicts = assess_scene(ROLES, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
     assert _outcome(verdicts, "velocity", ENGINE, TWIN) is Outcome.FAIL
     assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.FAIL
     assert _outcome(verdicts, "velocity", TWIN, REFERENCE) is Outcome.PASS
@@ -118,7 +119,7 @@ def test_a_late_velocity_fails_against_twin_and_reference_and_says_where(results
 def test_a_wrong_quantity_fails_under_its_own_name(results: Runs[Result], changed: str, quantity: str) -> None:
     wrong = getattr(_main_run(results, ENGINE), changed).copy()
     wrong[..., 1] *= 1.0 + 10 * ACCURACY
-    verdicts = assess_scene(SHORT, _with(results, ENGINE, **{changed: wrong}), ACCURACY).verdicts
+    verdicts = assess_scene(ROLES, _with(results, ENGINE, **{changed: wrong}), ACCURACY).verdicts
     assert _outcome(verdicts, quantity, ENGINE, REFERENCE) is Outcome.FAIL
     assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.PASS
 
@@ -126,19 +127,19 @@ def test_a_wrong_quantity_fails_under_its_own_name(results: Runs[Result], change
 def test_a_lost_crossing_fails(results: Runs[Result]) -> None:
     lost = _main_run(results, ENGINE).crossing_time.copy()
     lost[2] = np.nan
-    verdicts = assess_scene(SHORT, _with(results, ENGINE, crossing_time=lost), ACCURACY).verdicts
+    verdicts = assess_scene(ROLES, _with(results, ENGINE, crossing_time=lost), ACCURACY).verdicts
     assert _outcome(verdicts, "crossing_time", ENGINE, REFERENCE) is Outcome.FAIL
 
 
 def test_momentum_that_leaks_fails(results: Runs[Result]) -> None:
     velocity = _main_run(results, ENGINE).velocity * np.linspace(1.0, 1.0 + 1e-9, 51)[:, None]
-    verdicts = assess_scene(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
+    verdicts = assess_scene(ROLES, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
     assert _outcome(verdicts, "momentum", ENGINE, "its own start") is Outcome.FAIL
 
 
 def test_energy_that_grows_fails(results: Runs[Result]) -> None:
     velocity = _main_run(results, ENGINE).velocity * np.linspace(1.0, 1.001, 51)[:, None]
-    verdicts = assess_scene(SHORT, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
+    verdicts = assess_scene(ROLES, _with(results, ENGINE, velocity=velocity), ACCURACY).verdicts
     assert _outcome(verdicts, "energy", ENGINE, "its own start") is Outcome.FAIL
 
 
@@ -153,7 +154,7 @@ def test_a_first_order_code_fails_the_order(results: Runs[Result]) -> None:
     planted = results.map(
         lambda r: replace(r, trajectory=first_order(r.trajectory)) if r.case.backend == ENGINE and r.trajectory else r
     )
-    verdicts = assess_scene(SHORT, planted, ACCURACY).verdicts
+    verdicts = assess_scene(ROLES, planted, ACCURACY).verdicts
     assert _outcome(verdicts, "order", ENGINE, "exact 2") is Outcome.FAIL
     assert _outcome(verdicts, "order", TWIN, "exact 2") is Outcome.PASS
 
@@ -191,7 +192,7 @@ def test_the_order_is_two_and_of_forces_that_depend_on_velocities_one(
 ) -> None:
     steps = [8.0, 4.0, 2.0, 1.0, 0.8]
     refinement = ([1e-8 * h for h in steps], [1e-6 * errors(h) for h in steps])
-    verdict = checks.order(replace(SHORT, **changes), TWIN, refinement, free_flight())
+    verdict = checks.order(assign_roles(replace(SHORT, **changes)), TWIN, refinement, free_flight())
     assert (verdict.outcome, verdict.reference) == (outcome, f"exact {1 if changes else 2}"), verdict.sentence
     assert words in verdict.sentence
 
@@ -221,27 +222,27 @@ def test_a_damped_scene_is_verified_to_the_end_and_its_page_says_so(changes: dic
 
 def test_a_reference_with_a_wide_bar_decides_nothing(results: Runs[Result]) -> None:
     unsure = replace(_main_run(results, REFERENCE).uncertainty, velocity=1.0)
-    verdicts = assess_scene(SHORT, _with(results, REFERENCE, uncertainty=unsure), ACCURACY).verdicts
+    verdicts = assess_scene(ROLES, _with(results, REFERENCE, uncertainty=unsure), ACCURACY).verdicts
     assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.UNDECIDED
 
 
 def test_a_broken_run_is_a_verdict_and_the_others_go_on(results: Runs[Result]) -> None:
     failure = RunBroken("LAMMPS: ERROR: Lost atoms")
     broken = results.map(lambda r: Result(case=r.case, failure=failure) if r.case.backend == ENGINE else r)
-    verdicts = assess_scene(SHORT, broken, ACCURACY).verdicts
+    verdicts = assess_scene(ROLES, broken, ACCURACY).verdicts
     assert _outcome(verdicts, "velocity", ENGINE, REFERENCE) is Outcome.BROKEN
     assert "Lost atoms" in next(v.sentence for v in verdicts if v.outcome is Outcome.BROKEN)
     assert _outcome(verdicts, "velocity", TWIN, REFERENCE) is Outcome.PASS
 
 
 def test_a_model_difference_is_never_pass_or_fail(results: Runs[Result]) -> None:
-    verdicts = assess_scene(SHORT, results, ACCURACY).verdicts
+    verdicts = assess_scene(ROLES, results, ACCURACY).verdicts
     assert {v.outcome for v in verdicts if v.backend == THEORY} == {Outcome.MODEL_DIFFERENCE}
 
 
 def test_a_pulse_that_does_not_arrive_by_theory_is_said_to_be_one(results: Runs[Result]) -> None:
     late = _with(results, THEORY, crossing_time=np.array([1e-5, np.nan, np.nan]))
-    said = {v.quantity: v.sentence for v in assess_scene(SHORT, late, ACCURACY).verdicts if v.backend == THEORY}
+    said = {v.quantity: v.sentence for v in assess_scene(ROLES, late, ACCURACY).verdicts if v.backend == THEORY}
     assert "do not both have the arrival of body 2 within the duration" in said["arrival"]
     assert "do not both have the residence time of body 1 within the duration" in said["residence_time"]
     assert not any("inf %" in sentence for sentence in said.values())
@@ -298,7 +299,7 @@ STEEP = replace(
     ids=str,
 )
 def test_tables_are_verified_where_granular_has_not_the_laws(changes: dict[str, Any], engine: str) -> None:
-    assert engine_for(replace(SHORT, **changes)) == engine
+    assert assign_roles(replace(SHORT, **changes)).engine == engine
 
 
 @pytest.mark.slow
@@ -369,7 +370,7 @@ def test_a_scene_that_the_twin_cannot_do_is_not_run_with_the_reason_and_the_othe
 def test_only_what_a_scene_conserves_is_asked_of_its_runs(changes: dict[str, Any], quantities: set[str]) -> None:
     # the run itself does not matter here
     scene = replace(SHORT, **changes)
-    verdicts = checks.conserved(scene, free_flight(bodies=SHORT.n_body, contacts=scene.n_contact), 1e-3)
+    verdicts = checks.conserved(assign_roles(scene), free_flight(bodies=SHORT.n_body, contacts=scene.n_contact), 1e-3)
     assert {verdict.quantity for verdict in verdicts} == quantities
 
 

@@ -33,7 +33,7 @@ from dem_bridge.studies.horizon.shown import TEXTS, answer, figures, tables
 from dem_bridge.studies.horizon.verdicts import verdicts
 from dem_bridge.trajectory.dense import MOST_STEPS
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification.roles import REFERENCE, TWIN, engine_for
+from dem_bridge.verification.roles import REFERENCE, TWIN, assign_roles
 
 #: relative perturbation of every input, and of one in its last digit
 PERTURBATION, DIGIT = 1e-10, 2.0**-52
@@ -95,7 +95,7 @@ def study_horizon(
     scene = replace(scene, duration=duration or scene.duration, samples=max(SAMPLES, scene.samples))
     sampling = Sampling(count=scene.samples)
     plan = fixed_step_plan(scene, Resolution(dt=dt), sampling, prescan_scene(scene))
-    judged = engine_for(scene)
+    judged = assign_roles(scene).engine
     moved = [runs.perturbed(scene, PERTURBATION, seed + i) for i in range(perturbations)]
     digits = [runs.perturbed(scene, DIGIT, _OTHER + seed + i) for i in range(DIGITS)]
     cases = [

@@ -32,7 +32,7 @@ from dem_bridge.studies.paper.measures import THEORIES, Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, COARSE, DECELERATING, GRADIENTS, JUDGES, LONG, Runs
 from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
-from dem_bridge.verification.roles import REFERENCE, engine_for
+from dem_bridge.verification.roles import REFERENCE, assign_roles
 
 #: relative deviation of an exponent up to which the agreement is remarkable
 REMARKABLE = 0.02
@@ -124,7 +124,7 @@ def _with_gradient(runs: Runs, chain: str) -> dict[str, Floats]:
 
 def ratios(runs: Runs, chain: str) -> list[tuple[float, dict[str, float]]]:
     """Return the data of figures 6c and 6f: gamma with V_out/V_in by each backend that ran."""
-    results, engine = _with_gradient(runs, chain), {"lammps": engine_for(runs.scenes[chain])}
+    results, engine = _with_gradient(runs, chain), {"lammps": assign_roles(runs.scenes[chain]).engine}
     return [
         (
             gamma,

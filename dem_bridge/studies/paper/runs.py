@@ -15,7 +15,7 @@ from dem_bridge.scene.file.physical import rounded
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.effects import STRONG, VARIANTS
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification.roles import REFERENCE, SCIPY, assign_roles, engine_for
+from dem_bridge.verification.roles import REFERENCE, SCIPY, assign_roles
 
 #: the paper's own chains: verified in full, with refinement levels
 DECELERATING, ACCELERATING = "decelerating-40", "accelerating-40"
@@ -59,7 +59,7 @@ class Runs:
     def run(self, scene: str, name: str) -> Trajectory | None:
         """Return the run of a scene by a backend; "lammps" stands for the LAMMPS backend of that scene."""
         if name == "lammps":
-            name = engine_for(self.scenes[scene])
+            name = assign_roles(self.scenes[scene]).engine
         result = self.results.get((scene, name))
         if result is None and name == SCIPY == assign_roles(self.scenes[scene]).solver:
             return self.truth(scene)

@@ -227,7 +227,7 @@ def _verdicts(measured: Sequence[Measured]) -> Iterator[Verdict]:
             relation="within" if worst.outcome is Outcome.PASS else "not within",
         )
         run = worst.result.trajectory if backend in ENGINE_BACKENDS else None
-        yield from named_failures(worst.impact.scene, backend, run, [verdict])
+        yield from named_failures(worst.impact.scene.name, backend, run, [verdict])
 
 
 def _bounce_verdicts(bounces: Sequence[Bounce]) -> Iterator[Verdict]:

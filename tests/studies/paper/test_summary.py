@@ -17,7 +17,7 @@ from dem_bridge.studies.paper.effects import OBSERVABLES, Effect
 from dem_bridge.studies.paper.runs import MAIN, Runs
 from dem_bridge.studies.paper.summary import FAILS_BY, FAILURES, NOT_VERIFIED, answer, failures
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY
+from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, assign_roles
 
 
 def _verdict(scene: str, backend: str, reference: str, difference: float, **other: object) -> Verdict:
@@ -34,7 +34,7 @@ def _study(scene: str, error: float, same: float, two: float, *more: Verdict) ->
         _verdict(scene, "verlet", REFERENCE, 0.8),
         *more,
     )
-    return SceneStudy(scene=db.load_scene(scene), verdicts=verdicts)
+    return SceneStudy(roles=assign_roles(db.load_scene(scene)), verdicts=verdicts)
 
 
 STUDIES = [
