@@ -47,7 +47,7 @@ def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_
     lent = {"pairing", "table", "law", "contact", "elliptic", "coefficients", "encoding", "tabled", "version"}
     lent |= {"valid"}  # limits of numbers, and no formula
     emulated = {"cell", "interpolation", "splitting", "twin"}
-    rules = {"differences", "family", "fixed_step", "grazes", "moments", "readings", "twins"}
+    rules = {"differences", "early_touches", "family", "fixed_step", "grazes", "moments", "readings", "twins"}
     found = shared("lammps-table", "verlet")
     assert set(found.uncertainty) == lent | emulated | {"curves", "fused"} | rules
     # what LAMMPS reads is written without the emulation
