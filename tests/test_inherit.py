@@ -25,7 +25,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.api.guests import STUDIES
-from dem_bridge.backends import base
+from dem_bridge.backends import catalogue
 from dem_bridge.backends.base import BACKENDS, backend
 from dem_bridge.backends.catalogue import Entry
 from dem_bridge.cli import main
@@ -94,7 +94,7 @@ def test_every_file_on_the_page_exists_and_what_it_makes_does_not() -> None:
 def test_every_make_target_on_the_page_exists() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     targets = set(re.findall(r"\bmake ([a-z]+)(?=[`\s])", "\n".join([*re.findall(r"`make .*?`", PAGE), *_shell()])))
-    assert {"setup", "lint", "test", "docs", "pins", "bench", "machines"} == targets
+    assert {"setup", "lint", "test", "docs", "pins", "bench", "machines", "wheels"} == targets
     assert all(f"\n{target}:" in makefile for target in targets)
 
 
@@ -177,7 +177,7 @@ def test_the_example_of_a_backend_runs_within_its_bars(
 ) -> None:
     modules = built("backend")
     more = {"leapfrog": Entry("dem_bridge.backends.leapfrog", "Leapfrog", "", "")}
-    monkeypatch.setattr(base, "BACKENDS", {**BACKENDS, **more})
+    monkeypatch.setattr(catalogue, "BACKENDS", {**BACKENDS, **more})
     assert _run(modules, solved) == 1
     scene = Scene(name="pair", duration=2e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=20)
     run, truth = solved(scene, "leapfrog", dt=1e-7), solved(scene, "reference")
@@ -268,7 +268,7 @@ def _evaluations(run: db.Trajectory) -> int:
 
 
 @pytest.mark.parametrize(
-    "name", [name for name in BACKENDS if backend(name).order is not None and name not in base.ENGINE_BACKENDS]
+    "name", [name for name in BACKENDS if backend(name).order is not None and name not in catalogue.ENGINE_BACKENDS]
 )
 def test_the_planner_knows_what_a_step_of_every_backend_costs(name: str, solved: Solve) -> None:
     scene = Scene(name="pair", duration=1e-5, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=5)

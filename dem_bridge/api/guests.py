@@ -20,6 +20,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation import guests
 
 
 class Entry(NamedTuple):
@@ -52,9 +53,17 @@ def function_of(entry: Entry) -> Callable[..., Any]:
 
 def study_named(name: str) -> Callable[..., Any]:
     """Return the function of a study; raise UsageError with the names that exist if there is none of that name."""
-    if not isinstance(name, str) or name not in STUDIES:
-        raise UsageError(f"study = {name!r}; allowed: {', '.join(STUDIES) or 'none, because no study is installed'}")
-    return function_of(STUDIES[name])
+    if isinstance(name, str) and name in STUDIES:
+        return function_of(STUDIES[name])
+    if (point := guests.find_guest(guests.STUDIES, name)) is not None:
+        function: Callable[..., Any] = guests.load_guest(point)
+        return function
+    raise UsageError(f"study = {name!r}; allowed: {', '.join(study_names()) or 'none, because no study is installed'}")
+
+
+def study_names() -> tuple[str, ...]:
+    """Return the names of all studies: those of this package, then those of other distributions."""
+    return (*STUDIES, *guests.guest_names(guests.STUDIES, STUDIES))
 
 
 def guest_named(entries: Mapping[str, Entry], name: str, purpose: str) -> Callable[..., Any]:

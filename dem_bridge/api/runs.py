@@ -17,6 +17,7 @@ from dem_bridge.backends.base import (
     backend,
     unsupported_reason,
 )
+from dem_bridge.backends.catalogue import backend_names
 from dem_bridge.backends.prescan import interpretable
 from dem_bridge.errors import UnsupportedScene, UsageError, shown
 from dem_bridge.foundation.arguments import check_arguments
@@ -335,10 +336,10 @@ def available() -> dict[str, Availability]:
     def availability(name: str) -> Availability:
         try:
             return _backend(name).availability()
-        except UsageError as error:  # the environment names an engine that does not exist
+        except UsageError as error:  # an engine that does not exist, or a faulty distribution
             return Availability(False, str(error))
 
-    return {name: availability(name) for name in BACKENDS}
+    return {name: availability(name) for name in backend_names()}
 
 
 def _cheapest(scene: Scene, accuracy: object, sampling: Sampling) -> str:

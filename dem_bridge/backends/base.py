@@ -13,7 +13,6 @@ Adding one: docs/inherit.md.
 
 from __future__ import annotations
 
-import importlib
 import platform
 from collections.abc import Mapping
 from contextlib import suppress
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.catalogue import BACKENDS as BACKENDS
 from dem_bridge.backends.catalogue import ENGINE_BACKENDS as ENGINE_BACKENDS
+from dem_bridge.backends.catalogue import class_of
 from dem_bridge.errors import UsageError, shown
 from dem_bridge.foundation.arguments import is_number
 from dem_bridge.scene.scene import Scene
@@ -205,16 +205,15 @@ def backend(name: str, engine: Engine | None = None) -> Backend:
     ``engine``: which LAMMPS, for backends that run it (None: the default). UsageError for another name, with the
     allowed ones, and for an engine with a backend that runs no LAMMPS.
     """
-    if not isinstance(name, str) or name not in BACKENDS:
-        raise UsageError(f"backend = {name!r}; allowed: {', '.join(BACKENDS)}")
+    kind = class_of(name)
     if name in ENGINE_BACKENDS:
-        return cast(Backend, _class(name)(engine))
+        return cast(Backend, kind(engine))
     if engine is not None:
         raise UsageError(
             f"lmp, lmp_args, python and ranks say which LAMMPS; backend = {name!r} runs none;"
             f" allowed with: {', '.join(ENGINE_BACKENDS)}"
         )
-    return cast(Backend, _class(name)())
+    return cast(Backend, kind())
 
 
 def unsupported_reason(chosen: Backend, scene: Scene) -> str | None:
@@ -248,12 +247,7 @@ def unsupported_reason(chosen: Backend, scene: Scene) -> str | None:
 
 def supports_of(name: str) -> Support:
     """Return the declaration of the backend of that name in the catalogue, without creating the backend."""
-    return cast(Support, _class(name).supports)
-
-
-def _class(name: str) -> Any:
-    """Return the class of the backend of that name."""
-    return getattr(importlib.import_module(BACKENDS[name].module), BACKENDS[name].attribute)
+    return cast(Support, class_of(name).supports)
 
 
 def run_provenance(backend: Named, scene: Scene, settings: Mapping[str, Any]) -> dict[str, Any]:

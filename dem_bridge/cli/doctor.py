@@ -16,7 +16,11 @@ from tempfile import TemporaryFile, gettempdir
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from dem_bridge.errors import DemBridgeError
+from dem_bridge.api.guests import STUDIES
+from dem_bridge.backends.catalogue import BACKENDS
+from dem_bridge.errors import DemBridgeError, UsageError
+from dem_bridge.formats.readers.read import SUFFIXES
+from dem_bridge.foundation import guests
 from dem_bridge.foundation.kernel_folders import ADVICE, existing_folders, lasting_folder
 from dem_bridge.lmp.engine import STYLES, Engine
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
@@ -72,7 +76,7 @@ def examine(engine: Engine) -> tuple[Finding, ...]:
     """Check Python, packages, the engine, MPI, caches and the temporary folder, in this order."""
     engine_findings = tuple(_engine(engine))
     mpi = (ranks(engine),) if all(finding.fine or not finding.needed for finding in engine_findings) else ()
-    return (python(), packages(), *engine_findings, *mpi, numba_cache(), temporary_folder())
+    return (python(), packages(), *guest_packages(), *engine_findings, *mpi, numba_cache(), temporary_folder())
 
 
 def python() -> Finding:
@@ -103,6 +107,18 @@ def packages() -> Finding:
         state=", ".join(faults.values()) or f"all {len(required)} required packages are installed",
         remedy="pip install " + " ".join(f"'{line}'" for line in faults) if faults else "",
     )
+
+
+def guest_packages() -> Iterator[Finding]:
+    """Yield what other distributions add, and a fault for each name that is taken or cannot be imported."""
+    for group, ours in ((guests.BACKENDS, BACKENDS), (guests.STUDIES, STUDIES), (guests.READERS, SUFFIXES)):
+        for name in guests.guest_names(group):
+            try:
+                state = guests.examined(group, name, ours)
+            except UsageError as error:
+                yield _fault(group.partition(".")[2], error, needed=False)
+            else:
+                yield Finding(name=group.partition(".")[2], state=state, needed=False)
 
 
 def _engine(engine: Engine) -> Iterator[Finding]:

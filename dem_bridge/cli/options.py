@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dem_bridge.backends.catalogue import BACKENDS
+from dem_bridge.backends.catalogue import BACKENDS, backend_names
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.files import check_file
 
@@ -45,6 +45,16 @@ class ObservableChoice(click.Choice[str]):
         from dem_bridge.observables.registry import OBSERVABLES
 
         return tuple(OBSERVABLES)
+
+
+class BackendChoice(click.Choice[str]):
+    """The name of a backend; those of other distributions are looked for when a name is not of this package."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name of a backend."""
+        if value in self.choices or value in backend_names():
+            return str(value)
+        return super().convert(value, param, ctx)
 
 
 def _names(value: str) -> list[str]:
@@ -110,7 +120,7 @@ class _Cluster(click.ParamType[Any]):
 
 _TYPES: dict[str, Any] = {
     "assignments": _assignments,
-    "backend": click.Choice(BACKENDS),
+    "backend": BackendChoice(BACKENDS),
     "cluster": _Cluster(),
     "file": click.Path(path_type=Path),
     "float": float,

@@ -13,9 +13,10 @@ from typing import Any
 import click
 
 import dem_bridge
-from dem_bridge.api.guests import STUDIES, study_named
+from dem_bridge.api.guests import STUDIES, study_named, study_names
 from dem_bridge.cli import terminal
 from dem_bridge.cli.options import parameters, print_json, scene_names
+from dem_bridge.foundation import guests
 
 #: annotation of a parameter -> type of its option
 _TYPES = {"float": click.FLOAT, "int": click.INT, "str": click.STRING}
@@ -42,7 +43,22 @@ class _StudyCommand(click.Command):
         return super().get_params(ctx)
 
 
-@click.group()
+class _Studies(click.Group):
+    """The studies of this package, and those of other distributions, which are looked for when they are needed."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of all studies in alphabetical order."""
+        return sorted(study_names())
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """Return the command of a study, None for an unknown name."""
+        known = super().get_command(ctx, name)
+        if known is None and (point := guests.find_guest(guests.STUDIES, name)) is not None:
+            known = _StudyCommand(name, callback=partial(_answer, name), short_help=f"From {point.value}.")
+        return known
+
+
+@click.group(cls=_Studies)
 def study() -> None:
     """Answer a question that takes many runs, with a page, tables and figures."""
 

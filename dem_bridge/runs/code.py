@@ -8,6 +8,7 @@ show runs are left out. Values that a study reads from runs depend on the whole 
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import os
 import re
 import time
@@ -15,16 +16,16 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
-from dem_bridge.backends.catalogue import BACKENDS
+from dem_bridge.backends.catalogue import BACKENDS, entry_of
 from dem_bridge.foundation.leftovers import started
 
 PACKAGE = Path(__file__).parents[1]
 #: modules, and folders of them, that schedule, keep, judge or show runs: no number of a trajectory passes through them.
 #: What is not listed is in the keys of all runs that import it, wherever it lives
 NOT_IN_RUNS = (
-    "api", "cli", "ensembles", "formats", "foundation.notebook", "foundation.notebook_sketch", "judging",
-    "observables.differences", "observables.verdict", "plot", "report", "runs.cache", "runs.campaign", "runs.case",
-    "runs.claims", "runs.code", "runs.digits", "runs.inspect", "runs.keys", "runs.planning", "runs.recall",
+    "api", "cli", "ensembles", "formats", "foundation.guests", "foundation.notebook", "foundation.notebook_sketch",
+    "judging", "observables.differences", "observables.verdict", "plot", "report", "runs.cache", "runs.campaign",
+    "runs.case", "runs.claims", "runs.code", "runs.digits", "runs.inspect", "runs.keys", "runs.planning", "runs.recall",
     "runs.store", "studies", "verification",
 )  # fmt: skip
 #: modules, and folders of them, that no number of a study passes through
@@ -49,19 +50,43 @@ _QUOTED = re.compile(r'"(\w[\w.-]*\.[a-z0-9]+)"')
 @cache
 def code_of_run(backend: str, *, uncertainty: bool, package: Path = PACKAGE) -> Mapping[str, str]:
     """Return the files that a run of a backend depends on, with the first 12 digits of their sha256."""
-    entry = BACKENDS[backend]
-    roots = [entry.module, *([_DISPATCH, rule_of(backend)] if uncertainty and entry.uncertainty else [])]
+    entry = entry_of(backend)
+    foreign = {} if backend in BACKENDS else _foreign_files(entry.module)
+    modules = [entry.module] if backend in BACKENDS else _ours_in(foreign.values(), package)
+    roots = [*modules, *([_DISPATCH, rule_of(backend)] if uncertainty and entry.uncertainty else [])]
     files: set[Path] = set()
     for module in _closure(roots, package):
         file = _file(module, package)
         assert file is not None  # a closure has modules of the package only
         files |= {file, *_named_in(file)}
-    return _hashes(files, package)
+    return {**_hashes(files, package), **{name: _hash(file) for name, file in sorted(foreign.items())}}
+
+
+def _foreign_files(module: str) -> dict[str, Path]:
+    """Return the code and data of the top package (or the one file) of a module of another distribution, by name."""
+    top = module.partition(".")[0]
+    spec = importlib.util.find_spec(top)
+    assert spec is not None  # the backend was imported from it
+    folders = [Path(folder) for folder in spec.submodule_search_locations or ()]
+    if not folders:
+        return {f"{top}.py": Path(str(spec.origin))}
+    return {
+        f"{top}/{file.relative_to(folder).as_posix()}": file
+        for folder in folders
+        for file in folder.rglob("*")
+        if file.is_file() and file.suffix != ".pyc"
+    }
+
+
+def _ours_in(files: Iterable[Path], package: Path) -> list[str]:
+    """Return the modules of this package that files of another distribution import."""
+    texts = [file.read_text(encoding="utf-8") for file in files if file.suffix == ".py"]
+    return [name for text in texts for name in _names_in(text) if _counts(name, package)]
 
 
 def rule_of(backend: str) -> str:
     """Return the module with the rule from which the uncertainty of a backend follows."""
-    return _DISPATCH.rpartition(".")[0] + "." + BACKENDS[backend].uncertainty
+    return _DISPATCH.rpartition(".")[0] + "." + entry_of(backend).uncertainty
 
 
 @cache
@@ -133,10 +158,25 @@ def _imports(module: str, package: Path) -> frozenset[str]:
     assert file is not None
     names = {module.rpartition(".")[0]}
     if module != _DISPATCH:
-        for source, items, name in _IMPORT.findall(_FOR_TYPES.sub("", file.read_text(encoding="utf-8"))):
-            names |= {name, source, *(f"{source}.{item}" for item in re.findall(r"\w+", items))}
-    ours = {name for name in names if name.startswith(_OURS) and not is_within(name.removeprefix(_OURS), NOT_IN_RUNS)}
-    return frozenset(name for name in ours if _file(name, package) is not None)
+        names |= _names_in(file.read_text(encoding="utf-8"))
+    return frozenset(name for name in names if _counts(name, package))
+
+
+def _names_in(text: str) -> set[str]:
+    """Return what the text of a module imports, for other purposes than types."""
+    found = _IMPORT.findall(_FOR_TYPES.sub("", text))
+    return {part for source, items, name in found for part in (name, source, *_joined(source, items))}
+
+
+def _joined(source: str, items: str) -> list[str]:
+    """Return the dotted names of what is imported from a module."""
+    return [f"{source}.{item}" for item in re.findall(r"\w+", items)]
+
+
+def _counts(name: str, package: Path) -> bool:
+    """Return True for a module of the package that numbers of a run may pass through."""
+    inner = name.startswith(_OURS) and not is_within(name.removeprefix(_OURS), NOT_IN_RUNS)
+    return inner and _file(name, package) is not None
 
 
 @cache

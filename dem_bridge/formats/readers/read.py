@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers.arrays import read_npy, read_npz, table_of_netcdf
@@ -19,9 +20,13 @@ from dem_bridge.formats.readers.source import damage_as_usage_error, read_bytes,
 from dem_bridge.formats.readers.tables import Table, read_text
 from dem_bridge.formats.readers.vtk import frame_of, places, read_legacy, read_pvd, read_xml
 from dem_bridge.formats.readers.xyz import looks_like_xyz, read_xyz
+from dem_bridge.foundation import guests
 from dem_bridge.foundation.files import MOST_BYTES, named_file, opened
 from dem_bridge.foundation.netcdf import is_netcdf
 from dem_bridge.scene.scene import Scene
+
+#: suffixes of the texts that this package reads, which no other distribution takes
+SUFFIXES = ("csv", "dat", "dump", "extxyz", "lammpstrj", "tsv", "txt", "xyz")
 
 
 def read_record(
@@ -107,12 +112,21 @@ def load(path: Path, choices: Choices) -> tuple[Table | Frames, str]:
         return read_npy(content), "si"
     if _is_vtk(content):
         return _of_series(path, files, choices), "si"
+    if (foreign := _of_guest(files[0])) is not None:
+        return foreign, "si"
     text = text_of(content)
     if text.lstrip().startswith("ITEM:"):
         return read_dump([text], _renamed(choices)), "si"
     if looks_like_xyz(text):
         return read_xyz([text]), "si"
     return read_text(text), "si"
+
+
+def _of_guest(path: Path) -> Table | Frames | None:
+    """Return what a reader of another distribution makes of a file; None without one for its suffix."""
+    suffix = path.suffix.lower().removeprefix(".")
+    point = guests.find_guest(guests.READERS, suffix) if suffix and suffix not in SUFFIXES else None
+    return None if point is None else cast("Table | Frames", guests.load_guest(point)(path))
 
 
 def _is_vtk(content: bytes) -> bool:

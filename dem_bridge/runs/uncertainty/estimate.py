@@ -17,6 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Replicating, Resolution, backend
+from dem_bridge.backends.catalogue import entry_of
 from dem_bridge.foundation import progress
 from dem_bridge.foundation.compiled import started
 from dem_bridge.runs.cache import RunCache
@@ -75,7 +76,7 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
         Where further runs and families are looked for and kept.
     """
     cache = cache or RunCache()
-    if case.backend in (*TWINS, *OWN_STEPS):
+    if _takes_twins(case.backend) or case.backend in OWN_STEPS:
         family = _family(case, cache)
         if family is None:
             return UNKNOWN
@@ -117,7 +118,7 @@ def parts_of(case: Case, cache: RunCache) -> tuple[Case, ...] | None:
     solved = cache.load(case) is not None
     if not case.uncertainty:
         return () if solved else None
-    if case.backend in TWINS:
+    if _takes_twins(case.backend):
         from dem_bridge.runs.uncertainty.twins import twin_resolution
 
         twin = Case(scene=case.scene, backend=TWIN, resolution=twin_resolution(case), sampling=case.sampling)
@@ -145,6 +146,11 @@ def looser_cases(case: Case) -> tuple[Case, ...]:
     rtol = case.resolution.rtol if case.resolution.rtol is not None else DEFAULT_RTOL
     looser = replace(case, backend="scipy", uncertainty=False)
     return tuple(replace(looser, resolution=Resolution(rtol=factor * rtol)) for factor in LOOSER)
+
+
+def _takes_twins(name: str) -> bool:
+    """Return True if the uncertainty of a backend of any distribution is that of a family of twins."""
+    return name in TWINS or (name not in BACKENDS and entry_of(name).uncertainty == "twins")
 
 
 def _family(case: Case, cache: RunCache) -> TwinFamily | None:
