@@ -16,312 +16,27 @@ nothing until a collision, whose time waits in a heap. The index n_body stands f
 
 from __future__ import annotations
 
-from enum import IntEnum
 from heapq import heappop, heappush
-from typing import NamedTuple
 
 import numpy as np
 
-from dem_bridge.backends.polynomials import MOST_TURNS, root, swing, turning_points, value
+from dem_bridge.backends.polynomials import MOST_TURNS, root, value
+from dem_bridge.backends.taylor_series import (
+    Bodies,
+    Contacts,
+    Event,
+    Local,
+    Series,
+    expand,
+    nearest_contact,
+    next_event,
+    note_peaks,
+    series_length,
+)
 from dem_bridge.foundation.compiled import Bools, Floats, Ints, kernel
 
-#: coefficients looked at for the length of a step: by symmetry some may vanish
-_TAIL = 5
 #: steps without an event after which the pace is examined
 _PATIENCE = 500_000
-
-
-class Event(IntEnum):
-    """What ends a step."""
-
-    #: the length for which the series serve
-    NONE = 0
-    #: the nearest contact opens
-    OPENS = 1
-    #: a contact closes
-    CLOSES = 2
-    #: a contact at rest in touch is pressed until its force is felt
-    FELT = 3
-    #: the end of the run, or a collision of bodies that coast
-    STOPS = 4
-
-
-class _Bodies(NamedTuple):
-    """All bodies and the wall, ``(n_body + 1,)``."""
-
-    x: Floats
-    v: Floats
-    t: Floats
-    """When ``x`` and ``v`` were so."""
-    inverse: Floats
-    """1 by mass."""
-    weight: Floats
-    """Acceleration without contact."""
-    where: Ints
-    """Place among those that have series, -1: none."""
-
-
-class _Contacts(NamedTuple):
-    """All contacts, ``(n_contact,)``."""
-
-    left: Ints
-    right: Ints
-    stiffness: Floats
-    exponent: Floats
-    touch: Floats
-    resting: Floats
-    s: Floats
-    """Overlap."""
-    t: Floats
-    """When it was so."""
-    shut: Bools
-    seen: Bools
-    """Whether the contact is among those that have series."""
-    stamp: Ints
-    """Number of the only valid entry in the heap."""
-    shut_list: Ints
-    """The closed contacts, one more than there can be."""
-    shut_at: Ints
-    """Place in that list."""
-    deepest: Floats
-    crossing: Floats
-
-
-class _Local(NamedTuple):
-    """Those that need series now."""
-
-    body: Ints
-    contact: Ints
-    a: Ints
-    """Left body of each contact, by its place here; ``b`` right body."""
-    b: Ints
-    closed: Bools
-    stiffness: Floats
-    exponent: Floats
-    touch: Floats
-    overlap: Floats
-    position: Floats
-    velocity: Floats
-    inverse: Floats
-    weight: Floats
-
-
-class _Series(NamedTuple):
-    """Coefficients of all series of a step."""
-
-    w: Floats
-    power: Floats
-    """Row q is w^(q+2)."""
-    t: Floats
-    v: Floats
-    """``(n_body, order + 1)``."""
-    x: Floats
-    g: Floats
-    """Acceleration."""
-    s: Floats
-    """``(n_contact, order + 1)``."""
-    u: Floats
-    f: Floats
-
-
-@kernel()
-def _expand(order: int, near: int, bodies: int, contacts: int, local: _Local, series: _Series) -> None:
-    """Make all series around the present moment. ``near``: the local contact that sets dt = w dr (-1: dt = dr)."""
-    _, _, a, b, closed, stiffness, exponent, _, overlap, position, velocity, inverse, weight = local
-    w, power, t, v, x, g, s, u, f = series
-    w[: order + 1] = 0.0
-    t[0] = 0.0
-    w[0] = 1.0
-    folds = 0
-    if near >= 0:
-        w[0] = np.sqrt(max(overlap[near], 0.0))
-        folds = round(2.0 * (exponent[near] - 1.0)) - 1
-    for i in range(bodies):
-        v[i, 0] = velocity[i]
-        x[i, 0] = position[i]
-    for j in range(contacts):
-        s[j, 0] = overlap[j]
-    for o in range(order + 1):
-        if near >= 0:
-            # powers of w: power[q] is w^(q+2); those of w itself up to order o are known
-            for q in range(folds):
-                total = 0.0
-                for d in range(o + 1):
-                    total += (w[d] if q == 0 else power[q - 1, d]) * w[o - d]
-                power[q, o] = total
-        for i in range(bodies):
-            g[i, o] = weight[i] if o == 0 else 0.0
-        for j in range(contacts):
-            u[j, o] = v[a[j], o] - v[b[j], o]
-            if not closed[j]:
-                continue
-            if j == near:
-                f[j, o] = stiffness[j] * (power[folds - 1, o] if folds > 0 else w[o])
-            elif o == 0:
-                f[j, 0] = stiffness[j] * overlap[j] ** (exponent[j] - 1.0)
-            else:
-                total = 0.0
-                for d in range(1, o + 1):
-                    total += (exponent[j] * d - o) * s[j, d] * f[j, o - d]
-                f[j, o] = total / (o * overlap[j])
-            g[a[j], o] -= f[j, o] * inverse[a[j]]
-            g[b[j], o] += f[j, o] * inverse[b[j]]
-        if o == order:
-            break
-        t[o + 1] = w[o] / (o + 1)
-        if near < 0:
-            for i in range(bodies):
-                v[i, o + 1] = g[i, o] / (o + 1)
-                x[i, o + 1] = v[i, o] / (o + 1)
-            for j in range(contacts):
-                s[j, o + 1] = u[j, o] / (o + 1)
-            continue
-        w[o + 1] = 0.5 * u[near, o] / (o + 1)
-        for i in range(bodies):
-            kick, drift = 0.0, 0.0
-            for d in range(o + 1):
-                kick += w[d] * g[i, o - d]
-                drift += w[d] * v[i, o - d]
-            v[i, o + 1] = kick / (o + 1)
-            x[i, o + 1] = drift / (o + 1)
-        for j in range(contacts):
-            total = 0.0
-            if j == near:
-                for d in range(o + 2):
-                    total += w[d] * w[o + 1 - d]
-                s[j, o + 1] = total
-            else:
-                for d in range(o + 1):
-                    total += w[d] * u[j, o - d]
-                s[j, o + 1] = total / (o + 1)
-
-
-@kernel()
-def _length(
-    order: int, near: int, bodies: int, contacts: int, speed: float, accuracy: float, local: _Local, series: _Series
-) -> float:
-    """Return the length of a step for which the last coefficients contribute ``accuracy`` of speeds and overlaps."""
-    closed, touch, overlap, v, s = local.closed, local.touch, local.overlap, series.v, series.s
-    step = np.inf
-    for o in range(order - _TAIL + 1, order + 1):
-        largest = 0.0
-        for i in range(bodies):
-            largest = max(largest, abs(v[i, o]) / speed)
-        for j in range(contacts):
-            if closed[j] and j != near:
-                largest = max(largest, abs(s[j, o]) / max(overlap[j], touch[j]))
-        if largest > 0.0:
-            step = min(step, (accuracy / largest) ** (1.0 / o))
-    if not step < np.inf:
-        step = 1.0
-    # a closed contact other than the nearest must stay well away from its own singularity
-    for q in range(contacts):
-        if closed[q] and q != near:
-            for _ in range(80):
-                if value(s[q], order, step) > 0.1 * overlap[q]:
-                    break
-                step *= 0.7
-    return step
-
-
-@kernel()
-def _nearest(bodies: int, contacts: int, local: _Local, every: _Bodies, of: _Contacts) -> int:
-    """Take over the present state, and return the closed contact that is nearest to its opening or closing."""
-    x_all, v_all, s_all, shut = every.x, every.v, of.s, of.shut
-    body, contact, a, b, closed, _, _, touch, overlap, position, velocity, _, _ = local
-    for q in range(bodies):
-        position[q], velocity[q] = x_all[body[q]], v_all[body[q]]
-    near, least = -1, np.inf
-    for q in range(contacts):
-        overlap[q] = s_all[contact[q]]
-        if shut[contact[q]]:
-            rate = velocity[a[q]] - velocity[b[q]]
-            soon = max(overlap[q], 0.0) / abs(rate) if rate != 0.0 else np.inf
-            if soon < least or near < 0:
-                near, least = q, soon
-    # of contacts that close at the same moment one is the nearest; the others wait until they are felt
-    for q in range(contacts):
-        closed[q] = shut[contact[q]] and (q == near or overlap[q] >= touch[q])
-    return near
-
-
-@kernel()
-def _event(
-    order: int, near: int, contacts: int, length: float, now: float, stop: float, local: _Local,
-    series: _Series, turns: Floats,
-) -> tuple[float, Event, int]:  # fmt: skip
-    """Return where a step ends, at most at its ``length``, what ends it, and which local contact that is.
-
-    ``stop``: time at which it ends at the latest; ``turns``: room for turning points.
-    """
-    w, t, r, event, which = series.w, series.t, length, Event.NONE, -1
-    if value(t, order, r) > stop - now and value(w, order, r) > 0.0:
-        r, event = root(t, order, stop - now, 0.0, r), Event.STOPS
-    if value(w, order, r) <= 0.0:
-        low = 0.0
-        if w[0] == 0.0:  # it has just closed: look for the next zero
-            low = 1e-3 * r
-            while value(w, order, low) <= 0.0 and low > 0.0:
-                low *= 0.1
-        r, event, which = root(w, order, 0.0, low, r), Event.OPENS, near
-        if now + value(t, order, r) > stop:
-            r, event, which = root(t, order, stop - now, 0.0, r), Event.STOPS, -1
-    a, b, closed, touch, overlap = local.a, local.b, local.closed, local.touch, local.overlap
-    s, u, g = series.s, series.u, series.g
-    for q in range(contacts):
-        if closed[q]:
-            continue
-        # at rest in touch, and then pressed: force begins where it begins to be felt
-        level = 0.0 if overlap[q] < 0.0 else touch[q]
-        if overlap[q] + swing(s[q], order, r) <= level:
-            continue
-        upto = r
-        count, falls = turning_points(u[q], order, r, turns)
-        for turn in range(0 if falls else 1, count, 2):
-            if value(s[q], order, turns[turn]) > level:
-                upto = turns[turn]  # it may come and go
-                break
-        if value(s[q], order, upto) <= level:
-            continue
-        at = root(s[q], order, level, 0.0, upto)
-        if level == 0.0:
-            pull = value(g[a[q]], order, at) - value(g[b[q]], order, at)
-            if _is_slow(value(u[q], order, at), pull, touch[q]):
-                level = touch[q]
-                if value(s[q], order, upto) <= level:
-                    continue
-                at = root(s[q], order, level, at, upto)
-        r, event, which = at, Event.CLOSES if level == 0.0 else Event.FELT, q
-    return r, event, which
-
-
-@kernel()
-def _compress(
-    order: int, contacts: int, r: float, now: float, local: _Local, series: _Series, of: _Contacts, turns: Floats
-) -> None:
-    """Note the maximal compressions within a step of length ``r``."""
-    contact, a, b, closed, s, u, g, t = (
-        local.contact,
-        local.a,
-        local.b,
-        local.closed,
-        series.s,
-        series.u,
-        series.g,
-        series.t,
-    )
-    deepest, crossing, resting = of.deepest, of.crossing, of.resting
-    for q in range(contacts):
-        if not closed[q]:
-            continue
-        j = contact[q]
-        count, falls = turning_points(u[q], order, r, turns)
-        for turn in range(0 if falls else 1, count, 2):
-            top = turns[turn]
-            deepest[j] = max(deepest[j], value(s[q], order, top))
-            pull = value(g[b[q]], order, top) - value(g[a[q]], order, top)
-            if np.isnan(crossing[j]) and abs(pull) >= resting[j]:
-                crossing[j] = now + value(t, order, top)
 
 
 @kernel()
@@ -346,7 +61,7 @@ def integrate(
     s, ts, deepest, crossing = -gap, np.zeros(k), np.maximum(-gap, 0.0), np.full(k, np.nan)
     shut, seen, stamp = np.zeros(k, dtype=np.bool_), np.zeros(k, dtype=np.bool_), np.zeros(k, dtype=np.int64)
     shut_list, shut_at = np.empty(k + 1, dtype=np.int64), np.empty(k, dtype=np.int64)
-    of = _Contacts(
+    of = Contacts(
         left, right, stiffness, exponent, touch, resting, s, ts, shut, seen, stamp, shut_list, shut_at, deepest,
         crossing,
     )  # fmt: skip
@@ -377,13 +92,13 @@ def integrate(
         event, which, near, r = Event.NONE, -1, -1, 0.0
         stop = min(due, end)
         if shut_count > 0:
-            near = _nearest(bodies, contacts, local, every, of)
-            _expand(order, near, bodies, contacts, local, series)
-            r = _length(order, near, bodies, contacts, speed, accuracy, local, series)
-            r, event, which = _event(order, near, contacts, r, now, stop, local, series, turns)
+            near = nearest_contact(bodies, contacts, local, every, of)
+            expand(order, near, bodies, contacts, local, series)
+            r = series_length(order, near, bodies, contacts, speed, accuracy, local, series)
+            r, event, which = next_event(order, near, contacts, r, now, stop, local, series, turns)
             if event != Event.STOPS:
                 stop = min(now + value(t_series, order, r), end)
-            _compress(order, contacts, r, now, local, series, of, turns)
+            note_peaks(order, contacts, r, now, local, series, of, turns)
         while row < rows and times[row] <= stop:
             at = r if shut_count > 0 else -1.0
             if shut_count > 0 and times[row] < stop:
@@ -422,18 +137,18 @@ def integrate(
 
 
 @kernel()
-def _all_bodies(mass: Floats, velocity: Floats, free: Floats) -> _Bodies:
+def _all_bodies(mass: Floats, velocity: Floats, free: Floats) -> Bodies:
     """Return all bodies at the start, and the wall."""
     n = len(mass)
     v, inverse, weight = np.zeros(n + 1), np.zeros(n + 1), np.zeros(n + 1)
     v[:n], inverse[:n], weight[:n] = velocity, 1.0 / mass, free
-    return _Bodies(np.zeros(n + 1), v, np.zeros(n + 1), inverse, weight, np.full(n + 1, -1, dtype=np.int64))
+    return Bodies(np.zeros(n + 1), v, np.zeros(n + 1), inverse, weight, np.full(n + 1, -1, dtype=np.int64))
 
 
 @kernel()
-def _room(bodies: int, contacts: int) -> _Local:
+def _room(bodies: int, contacts: int) -> Local:
     """Return room for so many bodies and contacts that need series."""
-    return _Local(
+    return Local(
         np.empty(bodies, dtype=np.int64), np.empty(contacts, dtype=np.int64), np.empty(contacts, dtype=np.int64),
         np.empty(contacts, dtype=np.int64), np.empty(contacts, dtype=np.bool_), np.empty(contacts), np.empty(contacts),
         np.empty(contacts), np.empty(contacts), np.empty(bodies), np.empty(bodies), np.empty(bodies), np.empty(bodies),
@@ -441,18 +156,18 @@ def _room(bodies: int, contacts: int) -> _Local:
 
 
 @kernel()
-def _room_of_series(bodies: int, contacts: int, order: int) -> _Series:
+def _room_of_series(bodies: int, contacts: int, order: int) -> Series:
     """Return room for the series of so many bodies and contacts."""
     size = order + 1
     v, x, g = np.empty((bodies, size)), np.empty((bodies, size)), np.empty((bodies, size))
     s, u, f = np.empty((contacts, size)), np.empty((contacts, size)), np.empty((contacts, size))
-    return _Series(np.empty(size), np.empty((8, size)), np.empty(size), v, x, g, s, u, f)
+    return Series(np.empty(size), np.empty((8, size)), np.empty(size), v, x, g, s, u, f)
 
 
 @kernel()
 def _gather(
     now: float, bodies: int, contacts: int, shut_count: int, heap: list[tuple[float, int, int]], of_left: Ints,
-    of_right: Ints, local: _Local, every: _Bodies, of: _Contacts,
+    of_right: Ints, local: Local, every: Bodies, of: Contacts,
 ) -> tuple[int, int]:  # fmt: skip
     """Find the bodies and contacts that need series from now on, and return their numbers, given those until now."""
     body, contact, a, b, _, local_stiffness, local_exponent, local_touch, _, _, _, local_inverse, local_weight = local
@@ -503,8 +218,8 @@ def _gather(
 
 @kernel()
 def _carry(
-    order: int, near: int, bodies: int, contacts: int, r: float, stop: float, local: _Local, series: _Series,
-    every: _Bodies, of: _Contacts,
+    order: int, near: int, bodies: int, contacts: int, r: float, stop: float, local: Local, series: Series,
+    every: Bodies, of: Contacts,
 ) -> None:  # fmt: skip
     """Bring all that have series to the end of a step of length ``r``, which is at the time ``stop``."""
     x, v, t, s, ts, deepest = every.x, every.v, every.t, of.s, of.t, of.deepest
@@ -520,7 +235,7 @@ def _carry(
 
 
 @kernel()
-def _meet(j: int, now: float, every: _Bodies, of: _Contacts) -> None:
+def _meet(j: int, now: float, every: Bodies, of: Contacts) -> None:
     """Bring contact ``j``, whose bodies coast, to ``now``, when it begins."""
     x, v, t, _, weight, where = every
     left, right, s, ts, touch = of.left[j], of.right[j], of.s, of.t, of.touch
@@ -539,7 +254,7 @@ def _meet(j: int, now: float, every: _Bodies, of: _Contacts) -> None:
 
 @kernel()
 def _sample(
-    time: float, at: float, order: int, contacts: int, local: _Local, series: _Series, every: _Bodies, out_x: Floats,
+    time: float, at: float, order: int, contacts: int, local: Local, series: Series, every: Bodies, out_x: Floats,
     out_v: Floats, out_f: Floats,
 ) -> None:  # fmt: skip
     """Write a row of the results, at a ``time``; ``at``: where that is in the step; < 0: there are no series."""
@@ -608,16 +323,6 @@ def _open(j: int, shut: Bools, shut_list: Ints, shut_at: Ints, count: int) -> in
     last = shut_list[count - 1]
     shut_list[shut_at[j]], shut_at[last] = last, shut_at[j]
     return count - 1
-
-
-@kernel()
-def _is_slow(rate: float, pull: float, touch: float) -> bool:
-    """Return whether a contact with this closing rate at an overlap of 0 reaches ``touch`` by its acceleration.
-
-    Without a rate nothing can start at 0, for dt = w dr stands still there. Such a contact starts at ``touch``, where
-    its force begins to be felt.
-    """
-    return rate * rate <= 2.0 * pull * touch
 
 
 @kernel()
