@@ -17,7 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Replicating, Resolution, backend
-from dem_bridge.backends.catalogue import entry_of
+from dem_bridge.backends.catalogue import backend_names, entry_of
 from dem_bridge.foundation import progress
 from dem_bridge.foundation.compiled import started
 from dem_bridge.runs.cache import RunCache
@@ -150,7 +150,8 @@ def looser_cases(case: Case) -> tuple[Case, ...]:
 
 def _takes_twins(name: str) -> bool:
     """Return True if the uncertainty of a backend of any distribution is that of a family of twins."""
-    return name in TWINS or (name not in BACKENDS and entry_of(name).uncertainty == "twins")
+    is_guest = name not in BACKENDS and name in backend_names()
+    return name in TWINS or (is_guest and entry_of(name).uncertainty == "twins")
 
 
 def _family(case: Case, cache: RunCache) -> TwinFamily | None:
