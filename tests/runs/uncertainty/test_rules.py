@@ -404,8 +404,9 @@ def test_a_crossing_by_round_off_alone_has_no_finite_uncertainty(monkeypatch: py
     for limit in ("UNSURE", "UNSURE_OF_ITSELF"):
         monkeypatch.setattr(replicas, limit, np.inf)
     assert np.all(np.isinf(db.solve(scene, backend="scipy").uncertainty["crossing_time"]))
+    assert np.all(replicas.unresolved_crossings(scene))
     monkeypatch.setattr(replicas, "COMMON", 0.0)
-    assert np.any(np.isfinite(db.solve(scene, backend="scipy").uncertainty["crossing_time"]))
+    assert not np.any(replicas.unresolved_crossings(scene))
 
 
 def test_an_overlap_is_as_uncertain_as_the_last_digits_of_all_steps() -> None:

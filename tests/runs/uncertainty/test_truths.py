@@ -121,12 +121,15 @@ def test_contacts_that_have_just_touched_do_not_open_by_the_ripple_of_a_series(
     text = (DATA / SECOND.source).read_text()
     assert text.count(" + nodes * c[q].ripple") == 1
     faulty = compiled(SECOND, tmp_path, source=text.replace(" + nodes * c[q].ripple", ""))
-    for number in (480, 487, 491):
-        scene = awkward_scene(number)
-        for program, sure in ((programs[SECOND.source], True), (faulty, False)):
-            truth = solved(program, scene, SECOND.settings)
-            assert truth is not None
-            assert all(bool(np.isfinite(doubt).all()) is sure for doubt in truth.doubt.values())
+
+    def unsure(program: Path) -> int:
+        """Return how many of three scenes have a quantity of which a program is not sure."""
+        truths = [solved(program, awkward_scene(number), SECOND.settings) for number in (480, 487, 491)]
+        return sum(truth is None or not all(np.isfinite(d).all() for d in truth.doubt.values()) for truth in truths)
+
+    assert unsure(programs[SECOND.source]) == 0
+    # the last digits of a library decide which of them shows it
+    assert unsure(faulty) > 0
 
 
 def turning_at_a_wall(distance: float) -> Scene:
