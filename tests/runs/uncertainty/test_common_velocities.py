@@ -74,10 +74,16 @@ def walled_pair() -> Scene:
 
 
 def test_closing_rates_are_uncertain_by_the_last_digits_of_the_velocities_in_common() -> None:
-    scene, rounded = walled_pair(), 16.0 * 2.0**-52 * DRIFT
+    # 16 last digits, or eight tolerances of a step where these are larger
+    for rtol, lost in ((2.0**-55, 2.0**-48), (2.0**-45, 2.0**-42)):
+        assert_closing_rates_are_uncertain(rtol, lost * DRIFT)
+
+
+def assert_closing_rates_are_uncertain(rtol: float, rounded: float) -> None:
+    scene, settings = walled_pair(), {"rtol": rtol}
     flight = np.ones((5, 1)) * np.array(scene.velocity)
     peak = np.array([2048.0, 0.0])  # the overlap is 2^-13 m
-    run = free_flight(bodies=2, velocity=flight, peak_force=peak, provenance={"slowing": {"0": 4096.0}})
+    run = free_flight(bodies=2, velocity=flight, peak_force=peak, provenance={"slowing": {"0": 4096.0}, "settings": settings})
     assert common_velocity(scene, run).tolist() == [DRIFT, 0.0]
     widened = widen_for_common_velocities(uncertain(peak_force=np.zeros(2), crossing_time=0.0), scene, run)
     # a zero of a rate that falls by 4096 m/s^2, and the impedance of 2^24 N/m and 0.5 kg
