@@ -83,7 +83,9 @@ def assert_closing_rates_are_uncertain(rtol: float, rounded: float) -> None:
     scene, settings = walled_pair(), {"rtol": rtol}
     flight = np.ones((5, 1)) * np.array(scene.velocity)
     peak = np.array([2048.0, 0.0])  # the overlap is 2^-13 m
-    run = free_flight(bodies=2, velocity=flight, peak_force=peak, provenance={"slowing": {"0": 4096.0}, "settings": settings})
+    run = free_flight(
+        bodies=2, velocity=flight, peak_force=peak, provenance={"slowing": {"0": 4096.0}, "settings": settings}
+    )
     assert common_velocity(scene, run).tolist() == [DRIFT, 0.0]
     widened = widen_for_common_velocities(uncertain(peak_force=np.zeros(2), crossing_time=0.0), scene, run)
     # a zero of a rate that falls by 4096 m/s^2, and the impedance of 2^24 N/m and 0.5 kg
