@@ -31,7 +31,7 @@ def widen_for_common_velocities(uncertainty: Uncertainty, scene: Scene, run: Tra
 
     A closing rate is a difference of velocities, and has lost the last 16 units of that which they have in common, and
     what the tolerance allows, which is relative to it: each of some hundred steps errs by a part of the tolerance, and
-    runs at other tolerances that round alike do not show it (2.2 uncertainties of a peak at 170 km/s with one OpenBLAS).
+    runs that round alike do not show it (2.2 uncertainties of a peak at 170 km/s with one OpenBLAS).
 
     Parameters
     ----------
