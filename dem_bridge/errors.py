@@ -42,6 +42,17 @@ def one_line(text: str) -> str:
     return f"{line[: MOST_CHARACTERS - _AT_END - 5]} ... {line[-_AT_END:]}"
 
 
+def meant(name: str, names: Iterable[str]) -> str:
+    """Return the question whether the most similar of ``names`` was meant; "" if none is similar.
+
+    >>> meant("stifness", ["mass", "stiffness"]), meant("x", ["mass"])
+    ("did you mean 'stiffness'?", '')
+    """
+    from difflib import get_close_matches
+
+    return "".join(f"did you mean {likely!r}?" for likely in get_close_matches(name, list(names), n=1))
+
+
 class DemBridgeError(Exception):
     """Base class of all errors that dem_bridge raises on purpose."""
 

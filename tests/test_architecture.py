@@ -237,7 +237,7 @@ def test_lower_layers_know_numpy_and_scipy_alone() -> None:
     others = {
         "dem_bridge.foundation.kernel_cache": {"numba", "llvmlite"},
         "dem_bridge.foundation.notebook": {"jinja2"},
-        "dem_bridge.foundation.netcdf": {"h5py"},
+        "dem_bridge.foundation.netcdf": {"h5py", "h5netcdf"},
         **{f"dem_bridge.scene.file.{name}": {"pydantic"} for name in ("load", "forms", "body_forms")},
     }
     for name in INNER:

@@ -372,8 +372,19 @@ def _resolution_for(
 
 
 def _resolution(arguments: Mapping[str, Any]) -> Resolution:
-    """Return the resolution whose settings are among the arguments of a function."""
-    return Resolution(**{item.name: arguments[item.name] for item in fields(Resolution) if item.name in arguments})
+    """Return the resolution whose settings are among the arguments of a function.
+
+    The error of a time step that is none says which one is usual for the scene.
+    """
+    settings = {item.name: arguments[item.name] for item in fields(Resolution) if item.name in arguments}
+    try:
+        return Resolution(**settings)
+    except UsageError as error:
+        from dem_bridge.scene.timescales import contact_time_of
+
+        if not str(error).startswith("dt = ") or (shortest := contact_time_of(scene_of(arguments["scene"]))) is None:
+            raise
+        raise UsageError(f"{error}; a usual step for this scene is {shortest / 1000.0:.0e} s") from None
 
 
 def _sampling(scene: Scene, samples: int | None) -> Sampling:

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.foundation.files import check_file, write_whole
-from dem_bridge.scene.file import load_scene, scene_of, shipped_scenes
+from dem_bridge.scene.file import load_scene, parse_scene, scene_of, shipped_scenes
+from dem_bridge.scene.file.text import scene_toml
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory, load_trajectory
 
 if TYPE_CHECKING:
     from dem_bridge.observables.differences import Comparison
+
+#: key of a provenance whose value is the text of the scene file
+_SCENE_FILE = "scene_file"
 
 
 def write_trajectory(
@@ -35,7 +40,7 @@ def write_trajectory(
     run : Trajectory
         Run to write.
     scene : Scene, str, Path or None
-        Scene of the run; None for the shipped scene that the run's provenance names.
+        Scene of the run; None for the scene that the run's provenance holds or, if it is a shipped one, names.
     path : str or Path
         File to write.
     format : {"extxyz", "lammpstrj", "csv", "nc"}, optional
@@ -73,7 +78,7 @@ def write_trajectory(
         )
     check_file(path)
     if chosen == "nc":
-        run.save(path)
+        _with_scene(run, scene).save(path)
         return
     write_whole(path.parent, {path.name: text_of(run, _scene(scene, run), chosen, spacing=spacing, layout=layout)})
 
@@ -192,11 +197,20 @@ def compare(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -
     return compare_runs(run, reference, tolerance)
 
 
+def _with_scene(run: Trajectory, scene: Scene | str | Path | None) -> Trajectory:
+    """Return a run whose provenance holds the text of its scene file, unless the scene is shipped or no file can."""
+    if scene is None or (known := scene_of(scene)).law is not None or known.name in shipped_scenes("all"):
+        return run
+    return replace(run, provenance={**run.provenance, _SCENE_FILE: scene_toml(known)})
+
+
 def _scene(scene: Scene | str | Path | None, run: Trajectory | None = None) -> Scene:
-    """Return the scene, or without one the shipped scene that the run's provenance names."""
+    """Return the scene, or without one the scene in the run's provenance: its text, or the name of a shipped one."""
     if scene is not None:
         return scene_of(scene)
     name = None if run is None else run.provenance.get("scene")
+    if run is not None and isinstance(text := run.provenance.get(_SCENE_FILE), str):
+        return parse_scene(text, where=f"scene of {name}")
     if run is None or name not in shipped_scenes("all"):
         raise UsageError(f"the run is of the scene {name!r}, which is not a shipped scene; give the scene (--scene)")
     return load_scene(name)

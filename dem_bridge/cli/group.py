@@ -33,9 +33,12 @@ from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene, U
 from dem_bridge.foundation.files import FILES_BELOW, write_whole
 
 if TYPE_CHECKING:
+    from dem_bridge.scene.scene import Scene
     from dem_bridge.trajectory.trajectory import Trajectory
 
 
+#: error of velocities, relative to the largest, of which a run warns
+_WORTH_A_WARNING = 0.01
 #: exit code if the reader of the output ended, as of a program that SIGPIPE stops
 PIPE_CLOSED = 141
 
@@ -78,6 +81,8 @@ class _Group(click.Group):
             text, code = f"{error.format_message()} See: {command} --help", 2
         except (OSError, ArithmeticError, MemoryError) as error:
             text, code = f"{type(error).__name__}: {error}; the run was stopped", 3
+            if isinstance(error, FileNotFoundError) and not _has_folder():
+                text, code = "the working folder was removed; change to a folder that exists", 2
         except KeyboardInterrupt as error:  # with words where a campaign ended in order
             text, code = str(error) or "interrupted; the run was stopped; a second call uses what was finished", 130
         click.echo(f"dem-bridge: {one_line(text)}", err=True)
@@ -127,19 +132,23 @@ def run(
     if backend is None and "accuracy" not in settings:
         raise click.UsageError("Missing option '--backend', or '--accuracy', for which the cheapest backend is chosen.")
     if output is not None:
+        from dem_bridge.formats.writers import format_of
+
         check_output(scene, output, force)
+        format_of(output)
     with terminal.fraction(f"{scene} by {backend or 'the cheapest backend'}"):
         result = dem_bridge.solve(scene, backend=backend, **settings)
     _warn(result)
+    _warn_of_error(scene, result)
     if output is not None:
-        result.save(output)
+        dem_bridge.write_trajectory(result, scene, output)
     summary = _summary(result)
     if as_json:
         print_json(summary)
         return
     if backend is None:
         click.echo(f"{'cheapest backend':28} {summary['backend']} (for the reasons: dem-bridge plan)")
-    for name, text in _summary_lines(summary):
+    for name, text in (*_summary_lines(summary), *_step_lines(dem_bridge.load_scene(scene), summary)):
         click.echo(f"{name:28} {text}")
     if output is not None:
         click.echo(f"{'written':28} {output}")
@@ -251,6 +260,31 @@ def _warn(run: Trajectory) -> None:
         click.echo(f"dem-bridge: warning: {run.provenance['scene']}: {note}", err=True)
 
 
+def _warn_of_error(scene: str, run: Trajectory) -> None:
+    """Print on stderr that the velocities of a run may be wrong by more than 1 % of the largest, and what to do."""
+    largest = float(abs(run.velocity).max(initial=0.0))
+    error = float(run.uncertainty["velocity"])
+    if _WORTH_A_WARNING * largest < error < float("inf"):
+        click.echo(
+            f"dem-bridge: warning: {run.provenance['scene']}: velocities may be wrong by {error / largest:.0%} of the"
+            f" largest; for better settings: dem-bridge plan {scene} --accuracy 1e-3 --backend"
+            f" {run.provenance['backend']}",
+            err=True,
+        )
+
+
+def _step_lines(scene: Scene, summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the step of a run as a share of the shortest contact time, and whether any contact closes."""
+    from dem_bridge.scene.timescales import contact_time_of
+
+    if summary["largest_force_N"] == 0.0:
+        yield "contacts", "no contact closes"
+        return
+    if (steps := summary["steps"]) and summary["settings"].get("dt") and (shortest := contact_time_of(scene)):
+        dt = scene.duration / steps
+        yield "time step", f"{dt:.6g} s, {dt / shortest:.2g} of the shortest contact time ({1e6 * shortest:.4g} us)"
+
+
 def _summary(run: Trajectory) -> dict[str, Any]:
     """Return a summary of a trajectory with uncertainties as JSON types; unknown values are None."""
     import numpy as np
@@ -306,6 +340,15 @@ def _summary_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
         error = summary[bound]
         uncertainty = "uncertainty unknown" if error is None else f"+- {error / size:.1g} {unit}"
         yield name, "none" if value is None else f"{value / size:.7g} {unit} {uncertainty}"
+
+
+def _has_folder() -> bool:
+    """Return True if the working folder exists."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def output_is_closed() -> bool:

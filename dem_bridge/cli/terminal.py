@@ -37,7 +37,13 @@ def _console() -> Console:
     """Return a console with colours on a terminal, unless NO_COLOR is set, and plain text elsewhere."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else 140, highlight=False)
+    class Piped(Console):
+        """A console that leaves a closed pipe to the caller; rich would end the process as a check that failed."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    return Piped(width=None if sys.stdout.isatty() else 140, highlight=False)
 
 
 def _coloured(outcome: str) -> str:

@@ -161,4 +161,6 @@ def write_whole(folder: Path, texts: Mapping[str, str | bytes], *, replace: bool
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 Path(temporary, name).replace(folder / name)
     except OSError as error:
-        raise UsageError(f"{folder}: cannot be written ({error.strerror}); choose another folder") from error
+        raise UsageError(
+            f"{folder}: cannot be written ({error.strerror}); choose another folder, or make room"
+        ) from error

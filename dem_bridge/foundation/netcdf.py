@@ -1,10 +1,11 @@
-"""Read netCDF files, classic and netCDF-4, in a child process: attributes and arrays with their dimensions.
+"""Read netCDF files, classic and netCDF-4, in a child process, and write netCDF-4: attributes and arrays.
 
 Shapes are checked before an array is loaded. Links and data sets that refer to other files are left out.
 """
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -40,6 +41,26 @@ class Contents(NamedTuple):
 
     attributes: Attributes
     variables: list[Variable]
+
+
+def netcdf_bytes(variables: Mapping[str, tuple[tuple[str, ...], Any, Attributes]], attributes: Attributes) -> bytes:
+    """Return a netCDF-4 file of variables (their dimensions, values and attributes), as xarray writes it.
+
+    The file is made in memory, because HDF5 ends the process where a disk or a limit of size stops it.
+    """
+    import h5netcdf
+
+    buffer = io.BytesIO()
+    with h5netcdf.File(buffer, "w") as file:
+        for name, (dims, values, about) in variables.items():
+            array = np.asarray(values)
+            for dim, length in zip(dims, array.shape, strict=True):
+                if dim not in file.dimensions:
+                    file.dimensions[dim] = length
+            fill = np.nan if array.dtype.kind == "f" else None
+            file.create_variable(name, dims, data=array, fillvalue=fill).attrs.update(about)
+        file.attrs.update(attributes)
+    return buffer.getvalue()
 
 
 def is_netcdf(first: bytes) -> bool:

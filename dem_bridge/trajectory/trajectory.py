@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -19,8 +18,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.arguments import check_arguments, is_path
-from dem_bridge.foundation.files import check_file
-from dem_bridge.foundation.leftovers import owned, sweep
+from dem_bridge.foundation.files import check_file, write_whole
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.version import schema_fault
 
@@ -284,6 +282,10 @@ class Trajectory(_ReadOnly):
         """Return a labelled dataset: dimensions time, body and contact, units as attributes, ``*_uncertainty``."""
         import xarray as xr
 
+        return xr.Dataset(self._variables(), coords=self._coordinates(), attrs=self._attributes())
+
+    def _variables(self) -> dict[str, Any]:
+        """Return dimensions, values and attributes of each variable of a file."""
         data: dict[str, Any] = {
             name: (dims, getattr(self, name), {"units": unit, "long_name": meaning})
             for name, (unit, meaning, dims) in VOCABULARY.items()
@@ -291,22 +293,26 @@ class Trajectory(_ReadOnly):
         for name, value in self.uncertainty.items():
             about = {"units": VOCABULARY[name][0], "long_name": f"uncertainty of {name}"}
             data[f"{name}_uncertainty"] = (("contact",) if np.ndim(value) else (), value, about)
+        return data
+
+    def _coordinates(self) -> dict[str, Any]:
+        """Return dimensions, values and attributes of time, body and contact."""
         bodies, contacts = np.arange(self.velocity.shape[1]), np.arange(len(self.peak_force))
         joined = "contact: k joins body k and k + 1, then wall_left, wall_right"
-        return xr.Dataset(
-            data,
-            coords={
-                "time": ("time", self.time, {"units": "s", "long_name": "time"}),
-                "body": ("body", bodies, {"long_name": "body, 0 is the struck end"}),
-                "contact": ("contact", contacts, {"long_name": joined}),
-            },
-            attrs={
-                "schema": SCHEMA,
-                "provenance": json.dumps(dict(self.provenance), sort_keys=True),
-                "cost": json.dumps(cost_as_json(self.cost)),
-                "uncertainty": json.dumps(self.uncertainty.as_json()),
-            },
-        )
+        return {
+            "time": (("time",), self.time, {"units": "s", "long_name": "time"}),
+            "body": (("body",), bodies, {"long_name": "body, 0 is the struck end"}),
+            "contact": (("contact",), contacts, {"long_name": joined}),
+        }
+
+    def _attributes(self) -> dict[str, str]:
+        """Return the attributes of a file: schema, provenance, cost and how the uncertainty was found."""
+        return {
+            "schema": SCHEMA,
+            "provenance": json.dumps(dict(self.provenance), sort_keys=True),
+            "cost": json.dumps(cost_as_json(self.cost)),
+            "uncertainty": json.dumps(self.uncertainty.as_json()),
+        }
 
     def save(self, path: str | Path) -> None:
         """Write a netCDF-4 file, which appears complete or not at all.
@@ -316,18 +322,13 @@ class Trajectory(_ReadOnly):
         UsageError
             If the file cannot be written.
         """
+        from dem_bridge.foundation.netcdf import netcdf_bytes
+
         check_arguments(Trajectory.save, {"self": self, "path": path})
         path = Path(path)
         check_file(path)
-        part = path.with_name(f"{owned('.dem-bridge')}{threading.get_ident():x}")
-        try:
-            sweep(path.parent)
-            self.to_xarray().to_netcdf(part, engine="h5netcdf")
-            part.replace(path)
-        except OSError as error:
-            raise UsageError(f"{path}: cannot be written ({error}); give another file") from error
-        finally:
-            part.unlink(missing_ok=True)
+        content = netcdf_bytes(self._coordinates() | self._variables(), self._attributes())
+        write_whole(path.parent, {path.name: content})
 
 
 def _array(name: str, values: Any) -> Floats:

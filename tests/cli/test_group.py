@@ -414,3 +414,61 @@ def test_files_of_a_scene_may_be_elsewhere_if_the_user_says_so(tmp_path: Path) -
     done = run_here(*words, cwd=tmp_path)
     assert (done.returncode, "name another folder by --files-below" in done.stderr) == (2, True)
     assert run_here("--files-below", ".", *words, cwd=tmp_path).returncode == 0
+
+
+def test_the_file_of_a_run_has_the_format_of_its_ending_and_holds_its_scene(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(CROSSED_FILE)
+    for name in ("run.csv", "run.nc"):
+        done = run_here("run", "own.toml", "--backend", "verlet", "--dt", "1e-6", "-o", name, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    done = run_here("convert", "run.nc", "-o", "again.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "run.csv").read_bytes()
+    done = run_here("run", "own.toml", "--backend", "verlet", "-o", "run.xyzw", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "the file type is not clear from '.xyzw'" in done.stderr
+
+
+def test_a_run_whose_error_is_large_names_the_command_that_finds_a_better_step(tmp_path: Path) -> None:
+    done = run_here("run", "decelerating-40", "--backend", "verlet", "--dt", "1e-5", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "of the largest; for better settings: dem-bridge plan decelerating-40 --accuracy 1e-3" in done.stderr
+    done = run_here("run", "decelerating-40", "--backend", "verlet", "--dt", "1e-7", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "1e-07 s, 0.0055 of the shortest contact time (18.33 us)" in done.stdout
+
+
+def test_a_run_in_which_nothing_touches_says_so(tmp_path: Path) -> None:
+    (tmp_path / "rest.toml").write_text(
+        'name = "rest"\nduration = 1e-3\n[chain]\nmass = [1e-2, 1e-2]\nstiffness = [1e9]\nvelocity = [0.0, 0.0]\n'
+    )
+    done = run_here("run", "rest.toml", "--backend", "verlet", cwd=tmp_path)
+    assert "no contact closes" in done.stdout
+
+
+def test_a_step_that_is_none_is_answered_with_a_usual_one(tmp_path: Path) -> None:
+    done = run_here("run", "decelerating-40", "--backend", "verlet", "--dt", "1e-41", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "a usual step for this scene is 2e-08 s" in done.stderr
+
+
+def test_a_pipe_that_is_closed_is_no_failed_check(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m dem_bridge.cli verify decelerating-40 --accuracy 1e-2 -o report"
+    script = f"({command}; echo $? > code) | true"
+    assert subprocess.run(["sh", "-c", script], cwd=tmp_path, timeout=300).returncode == 0
+    assert (tmp_path / "code").read_text().strip() == "141"
+
+
+def test_a_working_folder_that_was_removed_and_a_full_disk_end_in_words(tmp_path: Path) -> None:
+    words = f"{sys.executable} -m dem_bridge.cli run decelerating-40 --backend verlet --dt 1e-6"
+    script = f"mkdir gone && cd gone && rmdir ../gone && {words}"
+    done = subprocess.run(["sh", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "dem-bridge: the working folder was removed; change to a folder that exists\n",
+    )
+    script = f"ulimit -f 8; {words} -o run.nc"
+    done = subprocess.run(["sh", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 2
+    assert "cannot be written (File too large)" in done.stderr
+    assert not list(tmp_path.glob("*.nc"))

@@ -60,7 +60,7 @@ def test_netcdf_keeps_all_and_opens_in_xarray_with_dimensions_units_and_provenan
     again = db.read_trajectory(path)
     for name in (*NAMES, "peak_force", "crossing_time"):
         np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
-    assert dict(again.provenance) == dict(run.provenance)
+    assert {key: again.provenance[key] for key in run.provenance} == dict(run.provenance)
     with xr.open_dataset(path) as opened:
         assert opened.velocity.dims == ("time", "body")
         assert opened.contact_force.dims == ("time", "contact")

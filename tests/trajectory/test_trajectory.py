@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import pickle
@@ -164,11 +165,12 @@ def test_a_save_that_fails_leaves_the_older_file_and_no_part(tmp_path: Path, mon
     file = tmp_path / "run.nc"
     free_flight(samples=9).save(file)
 
-    def full_disk(self: object, path: Path, **_: object) -> None:
-        Path(path).write_bytes(b"half")
-        raise OSError("No space left on device")
+    def full_disk(path: Path, content: bytes) -> int:
+        with path.open("wb") as part:
+            part.write(content[: len(content) // 2])
+        raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("xarray.Dataset.to_netcdf", full_disk)
+    monkeypatch.setattr(Path, "write_bytes", full_disk)
     with pytest.raises(UsageError, match="No space left"):
         free_flight(samples=2).save(file)
     monkeypatch.undo()

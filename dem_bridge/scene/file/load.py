@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from types import NoneType
@@ -20,7 +19,7 @@ from typing import Any, Literal, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from dem_bridge.errors import SceneError, UsageError
+from dem_bridge.errors import SceneError, UsageError, meant
 from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.foundation.files import text_of_file
 from dem_bridge.scene.file.body_forms import CylinderScene, PatternScene, SphereScene
@@ -127,9 +126,9 @@ def _text_of(source: str | Path) -> tuple[str, str, Path]:
     except (OSError, ValueError):  # the name is too long or contains a NUL
         exists = False
     if not exists:
-        likely = dict.fromkeys([*shipped_scenes()[:6], *get_close_matches(name, shipped_scenes("all"))])
-        allowed = f"{', '.join(likely)}, ... (dem-bridge scenes lists them), or the path of a .toml file"
-        raise SceneError("", problem="there is no such scene or file", allowed=allowed, where=name)
+        allowed = f"{', '.join(shipped_scenes()[:6])}, ... (dem-bridge scenes lists them), or the path of a .toml file"
+        advice = meant(name, shipped_scenes("all"))
+        raise SceneError("", problem="there is no such scene or file", allowed=allowed, advice=advice, where=name)
     try:
         return text_of_file(path), name, path.parent
     except OSError as error:
@@ -241,15 +240,14 @@ def _in_one_line(error: ValidationError, form: type[BaseModel], where: str) -> S
     # a key that takes a number or a list has an error for each; the type of the input selects the relevant one
     if isinstance(finding["input"], list) and _ALTERNATIVES[0] in finding["loc"]:
         finding = next((f for f in findings if _ALTERNATIVES[1] in f["loc"]), finding)
-    keys_in_error = {tuple(part for part in f["loc"] if part not in _ALTERNATIVES)[:2] for f in findings}
+    advice = ""
     path = [part for part in finding["loc"] if part not in _ALTERNATIVES]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
     key = key if key.isprintable() else repr(key)
-    others = len(keys_in_error) - 1
-    more = f"{others} more error{'s follow' if others > 1 else ' follows'}" if others else ""
     what: dict[str, Any] = {"value": finding["input"]}
     if finding["type"] == "extra_forbidden":
         what, allowed = {"problem": "is an unknown key"}, _keys(form, path[:-1])
+        advice = meant(str(path[-1]), allowed.split(", "))
     elif finding["type"] == "missing":
         what, allowed = {"problem": "is missing, but required"}, f"the keys {_keys(form, path[:-1])}"
     elif finding["type"].startswith("model_"):
@@ -258,7 +256,7 @@ def _in_one_line(error: ValidationError, form: type[BaseModel], where: str) -> S
         allowed = finding["msg"].removeprefix("Input should be ")
         for word, plain in _PLAIN_WORDS.items():
             allowed = allowed.replace(word, plain)
-    return SceneError(key, **what, allowed=allowed, advice=more, where=where)
+    return SceneError(key, **what, allowed=allowed, advice=advice, where=where)
 
 
 def _keys(form: type[BaseModel], path: list[Any]) -> str:

@@ -691,7 +691,7 @@ def test_spheres_that_cannot_be_are_named_in_one_line(old: str, new: str, found:
 def test_an_unknown_key_comes_before_the_key_it_was_meant_to_be() -> None:
     message = _refusal(_changed(RAW, "stiffness = [3.98e9", "stifness = [3.98e9"))  # codespell:ignore stifness
     assert "chain.stifness is an unknown key" in message  # codespell:ignore stifness
-    assert message.endswith("1 more error follows")
+    assert message.endswith("did you mean 'stiffness'?")
 
 
 @pytest.mark.parametrize(("number", "line"), [(1, "name ="), (3, "x = = 1"), (2, 'd = "open')])
@@ -712,7 +712,7 @@ def test_an_unknown_scene_is_refused_with_the_names_that_exist() -> None:
         load_scene("slowing-40")
     assert str(caught.value).endswith("or the path of a .toml file")
     assert "dem-bridge scenes lists them" in str(caught.value)
-    with pytest.raises(SceneError, match=r"allowed: .*, stacked-40, .*, or the path") as caught:
+    with pytest.raises(SceneError, match=r"or the path of a .toml file; did you mean 'stacked-40'") as caught:
         load_scene("staked-40")
     assert len(str(caught.value)) <= 500
 
@@ -743,12 +743,6 @@ def test_the_file_is_named_by_the_path_that_was_given(tmp_path: Path) -> None:
 def test_a_wrong_entry_of_a_list_that_may_be_a_number_is_named(key: str) -> None:
     old = {"exponent": "exponent = 2.5", "gap": "gap = [0.0, 1e-6]"}[key]
     assert f"chain.{key}[1] = 'a'" in _refusal(_changed(RAW, old, f"{key} = [2.5, 'a']"))
-
-
-@pytest.mark.parametrize("key", ["exponent", "gap"])
-def test_one_mistake_is_not_counted_as_two(key: str) -> None:
-    old = {"exponent": "exponent = 2.5", "gap": "gap = [0.0, 1e-6]"}[key]
-    assert "more error" not in _refusal(_changed(RAW, old, f"{key} = 'soft'"))
 
 
 def test_a_key_with_a_line_feed_is_still_named_in_one_line() -> None:
