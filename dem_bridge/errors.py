@@ -45,8 +45,8 @@ def one_line(text: str) -> str:
 def meant(name: str, names: Iterable[str]) -> str:
     """Return the question whether the most similar of ``names`` was meant; "" if none is similar.
 
-    >>> meant("stifness", ["mass", "stiffness"]), meant("x", ["mass"])
-    ("did you mean 'stiffness'?", '')
+    >>> meant("gaps", ["mass", "gap"]), meant("x", ["mass"])
+    ("did you mean 'gap'?", '')
     """
     from difflib import get_close_matches
 
