@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dem_bridge.judging import kernels
 from dem_bridge.judging.fitting import DECISION, MOST_STEPS, Data, Fit, Stepping, least
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
+from dem_bridge.judging.model import resolving_step
 
 Floats = NDArray[np.float64]
 
@@ -49,10 +50,7 @@ class Decision:
         end, model = float(self.data.time[-1]), self.data.model
         if self.data.dt is not None and end / self.data.dt <= MOST_STEPS:
             return float(self.data.dt)
-        system, depth = model.system, max(model.depth, 1e-15)
-        stiffness = (system.exponent - 1.0) * system.stiffness * depth ** (system.exponent - 2.0)
-        rate = math.sqrt(float(np.max(stiffness)) * 2.0 / float(np.min(system.mass)))
-        return max(min(end / 2e4, 0.1 / rate if rate > 0.0 else end), end / MOST_STEPS)
+        return resolving_step(model, end, MOST_STEPS)
 
     def time_step_error(self) -> list[Floats]:
         """Return the error of velocity Verlet at the step of the search, for each block; 0 where it is unstable."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,3 +114,11 @@ class Model:
             line(motion.acceleration),
             line(motion.force),
         )
+
+
+def resolving_step(model: Model, end: float, most: int) -> float:
+    """Return a step (s) that resolves the contacts, of which at most ``most`` go to the time ``end`` (s)."""
+    system, depth = model.system, max(model.depth, 1e-15)
+    stiffness = (system.exponent - 1.0) * system.stiffness * depth ** (system.exponent - 2.0)
+    rate = math.sqrt(float(np.max(stiffness)) * 2.0 / float(np.min(system.mass)))
+    return max(min(end / 2e4, 0.1 / rate if rate > 0.0 else end), end / most)
