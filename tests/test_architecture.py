@@ -40,6 +40,7 @@ ROOMS = (
     ("api",),
     ("plot",),
     ("cli",),
+    ("__main__",),
 )
 
 #: modules that are named by a text and imported later, or by another process, against the order: each with its reason
@@ -47,10 +48,12 @@ BY_TEXT = {
     ("dem_bridge.foundation.guests", "dem_bridge.backends"): "the name of a group of entry points, not a module",
     ("dem_bridge.foundation.guests", "dem_bridge.studies"): "the name of a group of entry points, not a module",
     ("dem_bridge.verification.replay", "dem_bridge.cli"): "a bundle repeats its verification in a process of its own",
+    ("dem_bridge.trajectory.shown", "dem_bridge.plot"): "a run can be drawn, by figures that are built on runs",
     ("dem_bridge.runs.code", "dem_bridge.runs.uncertainty.estimate"): "its imports are read, not made",
 }
 #: modules of one room that import each other, the second only when it is asked for: a value can show itself
 LATER = {
+    ("dem_bridge.trajectory.trajectory", "dem_bridge.trajectory.shown"): "a run is a table and a figure",
     ("dem_bridge.report.study", "dem_bridge.report.page"): "a study is saved as a page",
     ("dem_bridge.verification.verification", "dem_bridge.verification.page"): "... and so is a verification",
     ("dem_bridge.judging.judgement", "dem_bridge.judging.shown"): "a judgement has a page and sentences",

@@ -114,3 +114,14 @@ def test_a_verification_has_a_table_and_can_be_saved(tmp_path: Path) -> None:
     assert list(table.outcome) == [verdict.outcome for verdict in found.verdicts]
     found.save(tmp_path / "report")
     assert {file.name for file in (tmp_path / "report").iterdir()} == {"index.html", "verdicts.json", "tables"}
+
+
+def test_the_directory_of_the_package_has_the_public_names_alone() -> None:
+    assert dir(db) == list(db.__all__)
+
+
+def test_the_package_is_a_program(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "dem_bridge", "--version"], capture_output=True, text=True, cwd=tmp_path, check=True
+    )
+    assert done.stdout.strip() == f"dem-bridge, version {db.__version__}"

@@ -24,7 +24,7 @@ from dem_bridge.cli.convert import compare, convert
 from dem_bridge.cli.export import export
 from dem_bridge.cli.imports import import_group
 from dem_bridge.cli.judge import judge
-from dem_bridge.cli.new import new
+from dem_bridge.cli.new import new, schema
 from dem_bridge.cli.options import check_new, check_output, print_json, with_options
 from dem_bridge.cli.regress import regress
 from dem_bridge.cli.store import store_group
@@ -241,6 +241,7 @@ _COMMANDS = (
     doctor,
     study_group,
     new,
+    schema,
     plan,
     export,
     regress,

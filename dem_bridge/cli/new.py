@@ -1,4 +1,4 @@
-"""The command ``dem-bridge new``, which writes a scene file with comments on every key."""
+"""The commands ``dem-bridge new``, which writes a scene file with comments on every key, and ``dem-bridge schema``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from dem_bridge.cli.options import check_new, with_options
+from dem_bridge.cli.options import check_new, json_text, with_options
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.files import write_whole
 
@@ -33,18 +33,21 @@ _MEASUREMENT = """
 #[measurement.parameters]      # standard uncertainties, here relative to the scene's values
 #stiffness = 0.02             # standard uncertainty, relative
 """
+#: comment on the first line of a scene file
+_FOR_EDITORS = "(The line above is for editors; the file that it names is written by: dem-bridge schema -o FILE)"
 
 
 def template(form: str, name: str) -> str:
     """Return the scene file of a form (a key of FORMS) with the scene's name ``name``."""
     from dem_bridge.scene.file.forms import Environment
+    from dem_bridge.scene.file.schema import SCHEMA_FILE
 
     text = (
         resources.files("dem_bridge").joinpath("scene", "file", "templates", f"{form}.toml").read_text(encoding="utf-8")
     )
     head, *keys = Environment.template_lines()
     text = text.replace(f'"{_NAME}"', f'"{name}"', 1).replace(head, "\n".join([head, *keys]))
-    return text + _MEASUREMENT
+    return f"#:schema ./{SCHEMA_FILE}\n# {_FOR_EDITORS}\n{text}{_MEASUREMENT}"
 
 
 @with_options("new", epilog=f"Forms: {'. '.join(f'{form}: {use}' for form, use in FORMS.items())}.")
@@ -70,3 +73,20 @@ def new(file: Path, form: str, force: bool) -> None:
     click.echo("edit the file, then run for example:")
     for words in ("run {} --backend reference", "run {} --accuracy 1e-4", "deck {} -o deck/", "verify {} -o report/"):
         click.echo(f"  dem-bridge {words.format(path)}")
+
+
+@with_options("schema")
+def schema(force: bool, output: Path | None = None) -> None:
+    """Print the JSON Schema of scene files.
+
+    Editors use it to complete keys, to explain them and to mark mistakes while a scene file is written.
+    """
+    from dem_bridge.scene.file.schema import scene_schema
+
+    text = json_text(scene_schema())
+    if output is None:
+        click.echo(text)
+        return
+    check_new(output, force)
+    write_whole(output.parent, {output.name: f"{text}\n"})
+    click.echo(f"written: {output}")

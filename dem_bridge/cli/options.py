@@ -187,4 +187,9 @@ def check_output(scene: str, output: Path, force: bool) -> None:
 
 def print_json(document: Any) -> None:
     """Print a document of JSON types."""
-    click.echo(json.dumps(document, indent=1, allow_nan=False))
+    click.echo(json_text(document))
+
+
+def json_text(document: Any) -> str:
+    """Return a document of JSON types as text."""
+    return json.dumps(document, indent=1, allow_nan=False)

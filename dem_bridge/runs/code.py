@@ -26,15 +26,16 @@ NOT_IN_RUNS = (
     "api", "cli", "ensembles", "formats", "foundation.guests", "foundation.notebook", "foundation.notebook_sketch",
     "judging", "observables.differences", "observables.verdict", "plot", "report", "runs.cache", "runs.campaign",
     "runs.case", "runs.claims", "runs.code", "runs.digits", "runs.inspect", "runs.keys", "runs.planning", "runs.recall",
-    "runs.store", "studies", "verification",
+    "runs.store", "studies", "trajectory.shown", "verification",
 )  # fmt: skip
 #: modules, and folders of them, that no number of a study passes through
 NOT_IN_STUDIES = (
     "api", "cli", "formats.tables", "formats.writers", "foundation.notebook", "foundation.notebook_sketch", "plot",
     "report.cells", "report.drawing", "report.figure_csv", "report.images", "report.page", "report.pages",
-    "report.scales", "report.strokes", "report.templates", "runs.campaign.cluster", "verification.bundle",
-    "verification.crate", "verification.figures", "verification.junit", "verification.motion", "verification.page",
-    "verification.pictures", "verification.regression", "verification.replay", "verification.templates",
+    "report.scales", "report.strokes", "report.templates", "runs.campaign.cluster", "trajectory.shown",
+    "verification.bundle", "verification.crate", "verification.figures", "verification.junit", "verification.motion",
+    "verification.page", "verification.pictures", "verification.regression", "verification.replay",
+    "verification.templates",
 )  # fmt: skip
 #: it selects the family or rule of each backend, which the catalogue names: its imports are those of all backends
 _DISPATCH = "dem_bridge.runs.uncertainty.estimate"

@@ -24,6 +24,7 @@ from dem_bridge.version import schema_fault
 
 if TYPE_CHECKING:
     import xarray as xr
+    from pandas import DataFrame
 
     from dem_bridge.foundation.netcdf import Contents
 
@@ -283,6 +284,58 @@ class Trajectory(_ReadOnly):
         import xarray as xr
 
         return xr.Dataset(self._variables(), coords=self._coordinates(), attrs=self._attributes())
+
+    def to_pandas(self, table: str = "bodies") -> DataFrame:
+        """Return the samples as a table with a row for each time and body, or for each time and contact.
+
+        Parameters
+        ----------
+        table : {"bodies", "contacts"}
+            "bodies" has the columns time_s, body, displacement_m and velocity_m_per_s; "contacts" has time_s, contact,
+            force_N and, the same at all times of a contact, peak_force_N and crossing_time_s.
+
+        Raises
+        ------
+        UsageError
+            If there is no such table.
+
+        Examples
+        --------
+        >>> import dem_bridge as db
+        >>> run = db.solve("accelerating-40", backend="verlet", dt=1e-6, samples=10, uncertainty=False)
+        >>> run.to_pandas("bodies").head(2).velocity_m_per_s.tolist(), len(run.to_pandas("contacts"))
+        ([0.8, 0.0], 440)
+        """
+        from dem_bridge.trajectory.shown import table_of_run
+
+        return table_of_run(self, table)
+
+    def plot(self, figure: str = "spacetime", ax: Any = None, **settings: Any) -> Any:
+        """Draw the run by a function of :mod:`dem_bridge.plot`, and return the matplotlib Axes.
+
+        Parameters
+        ----------
+        figure : {"spacetime", "velocity", "residence"}
+            The function: velocity of all bodies as colours, velocities of some bodies, or residence times.
+        ax : Axes, optional
+            Axes to draw on; the default is a new figure.
+        **settings
+            Further arguments of the function, such as ``until`` or ``bodies``.
+
+        Raises
+        ------
+        UsageError
+            If there is no such figure, or the function refuses a setting.
+
+        Examples
+        --------
+        >>> import dem_bridge as db
+        >>> db.solve("accelerating-40", backend="bca").plot("velocity", bodies=[40]).get_ylabel()
+        'velocity (m/s)'
+        """
+        from dem_bridge.trajectory.shown import plot_run
+
+        return plot_run(self, figure, ax, settings)
 
     def _variables(self) -> dict[str, Any]:
         """Return dimensions, values and attributes of each variable of a file."""

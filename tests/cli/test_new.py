@@ -41,7 +41,8 @@ def options(text: str) -> Iterator[tuple[str, int, int]]:
     Lines that begin with ``#`` and no space: those under a table's head or behind a comment together, others each.
     """
     lines = text.splitlines()
-    hidden = [bool(re.match(r"#\S", line)) for line in lines]
+    # the first line of a file, "#:schema", is for editors
+    hidden = [bool(re.match(r"#[^\s:]", line)) for line in lines]
     start = 0
     while start < len(lines):
         if not hidden[start]:
@@ -111,7 +112,7 @@ def test_optional_parts_are_many_and_all_that_do_not_exclude_each_other_go_toget
 
 def test_an_impact_has_its_options_together_and_rebounds_as_written() -> None:
     text = template("impact", "own").replace("\n#duration", "\n# ")
-    scene = parse_scene(re.sub(r"^#(?=\S)", "", text, flags=re.MULTILINE))
+    scene = parse_scene(re.sub(r"^#(?=[^\s:])", "", text, flags=re.MULTILINE))
     assert (scene.damping, scene.adhesion, scene.gravity) != (None, None, 0.0)
     plain = parse_scene(
         text.replace("#[impact.damping]", "[impact.damping]")

@@ -19,17 +19,22 @@ class MaterialTable(Table):
     youngs_modulus: Positive
     """Young's modulus, Pa."""
     poissons_ratio: Annotated[float, Field(gt=-1.0, le=0.5)]
+    """Poisson's ratio."""
     density: Positive
     """Density, kg/m^3."""
     name: str = ""
+    """Name of the material."""
 
 
 class Cylinders(Table):
     """Table [chain.cylinders]."""
 
     count: Count
+    """Number of cylinders, without the striker."""
     radius: Positive
+    """Radius, m."""
     height: Positive
+    """Height, m."""
     mass_gradient: float = 0.0
     """gamma: cylinder i = 1..count has the mass m (1 + gamma i), and its height changes by the same factor."""
 
@@ -38,6 +43,7 @@ class Spheres(Table):
     """Table [chain.spheres]."""
 
     count: Count
+    """Number of spheres, without the striker."""
     radius: Positive
     """Radius of the first sphere, m."""
     ratio: Positive = 1.0
@@ -59,29 +65,40 @@ class CylinderContacts(SphereContacts):
     """Table [chain.contacts] of cylinders."""
 
     law: Literal["paper", "exact"]
+    """Stiffness of crossed cylinders: the approximation of the paper, or the exact elliptic contact."""
     angle: Angle | None = None
+    """Angle between the axes of neighbours, degrees, for all contacts."""
     angles: list[Angle] | None = None
+    """Angle of each contact, degrees."""
     first_angle: Angle | None = None
+    """Angle of the first contact, degrees, with ``last_angle`` and ``grading``."""
     last_angle: Angle | None = None
+    """Angle of the last contact, degrees."""
     grading: Literal["linear-stiffness"] | None = None
+    """How angles follow between the first and the last: the stiffness changes linearly."""
     scatter: Annotated[float, Field(ge=0.0)] | None = None
     """Standard deviation of each angle, degrees."""
     seed: Annotated[int, Field(ge=0)] | None = None
+    """Seed of the scatter."""
 
 
 class Striker(Table):
     """Table [chain.striker]."""
 
     velocity: float
+    """Speed at the start, m/s."""
     radius: Positive | None = None
     """Radius of a sphere of the chain's material, m."""
     mass: Positive | None = None
+    """Mass, kg, in place of a radius."""
     stiffness: Positive | None = None
     """Stiffness of the struck contact, N/m^(n-1), with the striker's n."""
     like: Literal["first-body"] | None = None
     """"first-body": the striker has the mass of the first body, and the stiffness of its contact with the second."""
     exponent: float | None = None
+    """Exponent n of the struck contact."""
     gap: float = 0.0
+    """Gap of the struck contact, m."""
 
 
 class PhysicalChain(ChainKeys):
@@ -114,6 +131,7 @@ class BodyTable(Table):
 
     shape: Literal["sphere", "cylinder"]
     radius: Positive
+    """Radius, m."""
     height: Positive | None = None
     """Height of a cylinder, which lies across the chain, m."""
     material: str | None = None
@@ -130,6 +148,7 @@ class Step(Table):
     """Table [chain.pattern.step]: another unit cell from a cell on."""
 
     first: Annotated[int, Field(ge=0, alias="from")]
+    """Number of the first of these cells, from 0."""
     cell: Annotated[list[BodyTable], Field(min_length=1)]
 
 
@@ -141,19 +160,26 @@ class Disorder(Table):
     angle: Annotated[float, Field(ge=0.0)] = 0.0
     """Standard deviation of each angle, degrees."""
     seed: Annotated[int, Field(ge=0)]
+    """Seed of the random numbers."""
 
 
 class Pattern(Table):
     """Table [chain.pattern]."""
 
     cell: Annotated[list[BodyTable], Field(min_length=1)]
+    """Bodies of the unit cell."""
     repeat: Annotated[int, Field(ge=1, le=MOST_BODIES)] = 1
+    """Number of unit cells."""
     law: Literal["paper", "exact"] = "exact"
+    """Stiffness of crossed cylinders: the approximation of the paper, or the exact elliptic contact."""
     angle: Angle | None = None
+    """Angle between the axes of two cylinders that meet, degrees."""
     angles: list[Angle] | None = None
     """One angle for each contact of two cylinders of the chain, degrees."""
     taper: Positive = 1.0
+    """Ratio of the radius of each body to that of the same body of the cell before."""
     gap: Numbers = 0.0
+    """Gap, m, one for all contacts or one for each."""
     step: Step | None = None
     decorate: Decorate | None = None
     disorder: Disorder | None = None

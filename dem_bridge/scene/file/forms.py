@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from dem_bridge.errors import SceneError
 from dem_bridge.foundation.checked import MOST_BODIES, checked_number
 from dem_bridge.physics.adhesion import pull_off_force
-from dem_bridge.scene.damping import damping_law
+from dem_bridge.scene.damping import DAMPING_LAWS, damping_law
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Adhesion, Damping
 
@@ -23,6 +23,10 @@ Angle = Annotated[float, Field(gt=0.0, le=90.0)]
 """Angle between the axes of two cylinders, degrees."""
 Count = Annotated[int, Field(ge=2, le=MOST_BODIES)]
 Numbers = float | list[float]
+#: limits that the Scene checks, with a message of its own; they are for the schema of scene files alone
+ABOVE_ZERO = Field(json_schema_extra={"exclusiveMinimum": 0})
+NOT_NEGATIVE = Field(json_schema_extra={"minimum": 0})
+AboveZero = Annotated[float, ABOVE_ZERO]
 
 
 class Table(BaseModel):
@@ -43,16 +47,20 @@ class RawTable(Table):
 class WallTable(RawTable):
     """Table [chain.wall_left] or [chain.wall_right]."""
 
-    stiffness: float
+    stiffness: AboveZero
+    """Stiffness, N/m^(n-1): the force is stiffness * overlap^(n-1)."""
     gap: float = 0.0
+    """Gap between the wall and the body, m; negative: an overlap at the start."""
     exponent: float | None = None
+    """Exponent n of the energy; without it that of the next contact."""
 
 
 class DampingTable(RawTable):
     """Table [chain.damping] or [impact.damping]."""
 
-    law: str
+    law: Annotated[str, Field(json_schema_extra={"enum": list(DAMPING_LAWS)})]
     coefficient: Numbers
+    """N s/m (dashpot), 1/s (mass_velocity), s (kuwabara-kono), or a coefficient of restitution; one or a list."""
     clip: bool | None = None
     """True if net forces are clipped at zero; None means true, or false with adhesion."""
 
@@ -67,6 +75,7 @@ class AdhesionTable(RawTable):
 
     law: Literal["dmt", "jkr"]
     pull_off: Numbers | None = None
+    """Pull-off force, N, one for all contacts or one for each."""
     surface_energy: float | None = None
     """Surface energy of spheres, J/m^2, in place of ``pull_off``."""
 
@@ -91,14 +100,21 @@ class DriveTable(RawTable):
 
     shape: Literal["sine", "chirp", "table"]
     force: Numbers | None = None
+    """Amplitude of the force on body 0, N; a list for the shape "table"."""
     file: str | None = None
     """CSV file in place of ``force`` and ``interval``; :mod:`.drive` reads it before the tables are checked."""
-    frequency: float | None = None
-    last_frequency: float | None = None
-    sweep: float | None = None
+    frequency: AboveZero | None = None
+    """Frequency, Hz; of a chirp the first."""
+    last_frequency: AboveZero | None = None
+    """Last frequency of a chirp, Hz."""
+    sweep: AboveZero | None = None
+    """Time of the sweep of a chirp, s; without it the duration of the scene."""
     phase: float = 0.0
-    rise: float = 0.0
-    interval: float | None = None
+    """Phase, degrees; 180 pulls first."""
+    rise: Annotated[float, NOT_NEGATIVE] = 0.0
+    """Time in which the amplitude rises from zero, s."""
+    interval: AboveZero | None = None
+    """Time between two values of a table, s."""
 
     def drive(self, duration: float) -> Drive:
         """Return the Drive; a chirp without ``sweep`` sweeps for the ``duration`` (s) of its scene."""
@@ -113,13 +129,15 @@ class DriveTable(RawTable):
 class Precompression(RawTable):
     """Table [chain.precompression]."""
 
-    force: float
+    force: Annotated[float, NOT_NEGATIVE]
+    """Static force in all contacts, N, held by the walls or by the ends."""
 
 
 class Sampling(RawTable):
     """Table [sampling]."""
 
-    count: int = 500
+    count: Annotated[int, Field(json_schema_extra={"minimum": 1})] = 500
+    """Number of equal sampling intervals."""
 
 
 class Environment(RawTable):
@@ -174,8 +192,11 @@ class SceneKeys(Table):
     """Keys of a scene file that all forms have."""
 
     name: str
-    duration: float
+    """Name of the scene: 1 to 100 of the characters A-Z a-z 0-9 . _ -"""
+    duration: AboveZero
+    """Duration, s."""
     description: str = ""
+    """What happens, in one line."""
     sampling: Sampling = Sampling()
     environment: Environment = Environment()
     measurement: MeasurementTable | None = None
@@ -187,12 +208,18 @@ class SceneKeys(Table):
 class RawChain(ChainKeys, RawTable):
     """Table [chain] of the raw form."""
 
-    mass: list[float]
-    stiffness: list[float]
+    mass: list[AboveZero]
+    """Masses of the bodies, kg, the struck body first."""
+    stiffness: list[AboveZero]
+    """Stiffness of each contact between bodies, N/m^(n-1); contact k joins bodies k and k + 1."""
     velocity: list[float]
+    """Start velocity of each body, m/s, positive away from the struck end."""
     exponent: Numbers = 2.5
+    """Exponent n of the energy, one for all contacts or one for each; the force is stiffness * overlap^(n-1)."""
     gap: Numbers = 0.0
-    spacing: float | None = None
+    """Gap of each contact, m, one or a list; negative: an overlap at the start."""
+    spacing: AboveZero | None = None
+    """Distance between the centres of neighbours, m, for wave speeds in m/s."""
 
 
 class RawScene(SceneKeys, RawTable):

@@ -44,10 +44,11 @@ class Impact(forms.RawTable):
     wall: Literal[False, True, "same"] = False
     """True is a rigid plane, "same" a plane of the sphere's material."""
     youngs_modulus: forms.Numbers
-    """Pa."""
+    """Young's modulus, Pa."""
     poissons_ratio: forms.Numbers
+    """Poisson's ratio."""
     density: forms.Numbers
-    """kg/m^3."""
+    """Density, kg/m^3."""
     speed: float
     """Speed of approach, m/s; each of two spheres has half of it."""
     gap: float = 0.0
@@ -60,9 +61,11 @@ class ImpactScene(forms.RawTable):
     """A scene file with an impact."""
 
     name: str
-    duration: float | None = None
-    """Duration, s; None means the approach and four contact times without damping."""
+    """Name of the scene: 1 to 100 of the characters A-Z a-z 0-9 . _ -"""
+    duration: forms.AboveZero | None = None
+    """Duration, s; without it the approach and four contact times without damping."""
     description: str = ""
+    """What happens, in one line."""
     impact: Impact
     sampling: forms.Sampling = forms.Sampling()
     environment: forms.Environment = forms.Environment()

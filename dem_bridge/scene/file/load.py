@@ -190,6 +190,8 @@ _SCENE_FROM: Mapping[type[BaseModel], Callable[[Any], Scene]] = {
     PatternScene: from_pattern,
     ImpactScene: from_impact,
 }
+#: the forms of a scene file
+FORMS = tuple(_SCENE_FROM)
 
 
 def _form(table: Mapping[str, Any]) -> type[BaseModel]:

@@ -1,0 +1,53 @@
+"""A run as a table of pandas and as a figure. Nothing is computed here."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dem_bridge.errors import UsageError
+from dem_bridge.trajectory.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: tables of a run, and figures of it: functions of :mod:`dem_bridge.plot`
+TABLES, FIGURES = ("bodies", "contacts"), ("spacetime", "velocity", "residence")
+#: the module of the figures, which is built on runs
+_PLOT = "dem_bridge.plot"
+
+
+def table_of_run(run: Trajectory, table: str) -> DataFrame:
+    """Return a table of a run; see :meth:`Trajectory.to_pandas`."""
+    from pandas import DataFrame
+
+    if table not in TABLES:
+        raise UsageError(f"table = {table!r}; allowed: {' or '.join(map(repr, TABLES))}")
+    times, bodies, contacts = len(run.time), run.velocity.shape[1], len(run.peak_force)
+    if table == "bodies":
+        return DataFrame(
+            {
+                "time_s": np.repeat(run.time, bodies),
+                "body": np.tile(np.arange(bodies), times),
+                "displacement_m": run.displacement.ravel(),
+                "velocity_m_per_s": run.velocity.ravel(),
+            }
+        )
+    return DataFrame(
+        {
+            "time_s": np.repeat(run.time, contacts),
+            "contact": np.tile(np.arange(contacts), times),
+            "force_N": run.contact_force.ravel(),
+            "peak_force_N": np.tile(run.peak_force, times),
+            "crossing_time_s": np.tile(run.crossing_time, times),
+        }
+    )
+
+
+def plot_run(run: Trajectory, figure: str, ax: Any, settings: dict[str, Any]) -> Any:
+    """Draw a figure of a run; see :meth:`Trajectory.plot`."""
+    if figure not in FIGURES:
+        raise UsageError(f"figure = {figure!r}; allowed: {', '.join(map(repr, FIGURES))}")
+    return getattr(import_module(_PLOT), figure)(run, ax=ax, **settings)
