@@ -6,7 +6,7 @@ statement  by an import, also within a function and for type checkers alone; a p
            package itself is the module from which ``__init__.pyi`` has it
 string     by a text of code that is a dotted name of the package, such as ``import_module("dem_bridge.x")``,
            ``"dem_bridge.x.y:f"``, or an f-string that begins so; not in docstrings
-data       by a text in a JSON or TOML file, which counts for the folder of the file
+data       by a text in a JSON or TOML file, which counts for the room of the file
 
 What follows "-m" in a list is a program that is started and not an import; :func:`programs` lists these.
 """
@@ -47,10 +47,11 @@ def namings(package: Path, modules: Mapping[str, Module]) -> set[Naming]:
         texts = {_resolved(text, modules) for text, started in _texts(module, package.name) if not started}
         found |= {Naming(module.name, name, "string") for name in texts if name is not None}
     for file in (file for suffix in ("json", "toml") for file in package.rglob(f"*.{suffix}")):
-        folder = ".".join(file.relative_to(package.parent).parent.parts)
+        # a text of code that names its folder (to read another file there) does not name what the file names
+        source = ".".join(file.relative_to(package.parent).parts)
         for text in re.findall(rf'["\']({package.name}{_DOTTED})[:"\']', file.read_text(encoding="utf-8")):
-            if (name := _resolved(text, modules)) is not None and folder != package.name:
-                found.add(Naming(folder, name, "data"))
+            if (name := _resolved(text, modules)) is not None and file.parent != package:
+                found.add(Naming(source, name, "data"))
     return {naming for naming in found if naming.source != naming.target}
 
 

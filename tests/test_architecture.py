@@ -45,11 +45,8 @@ ROOMS = (
 
 #: modules that are named by a text and imported later, or by another process, against the order: each with its reason
 BY_TEXT = {
-    ("dem_bridge.foundation.guests", "dem_bridge.backends"): "the name of a group of entry points, not a module",
-    ("dem_bridge.foundation.guests", "dem_bridge.studies"): "the name of a group of entry points, not a module",
     ("dem_bridge.verification.replay", "dem_bridge.cli"): "a bundle repeats its verification in a process of its own",
     ("dem_bridge.trajectory.shown", "dem_bridge.plot"): "a run can be drawn, by figures that are built on runs",
-    ("dem_bridge.runs.code", "dem_bridge.runs.uncertainty.estimate"): "its imports are read, not made",
 }
 #: modules of one room that import each other, the second only when it is asked for: a value can show itself
 LATER = {

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+import dem_bridge
 from tests.helpers.house import house, house_graph, house_runs, house_source, same_bytes
+from tests.test_architecture import BY_TEXT
 
 #: a module, and what it holds
 TINY = {
@@ -84,9 +86,16 @@ def test_what_only_speaks_of_a_room_is_no_arrow(tmp_path: Path, text: str) -> No
     assert "low -> top" not in counts["arrows between rooms"].members
 
 
-def test_names_in_data_files_count_for_their_folder(tmp_path: Path) -> None:
+def test_names_in_data_files_count_for_their_room(tmp_path: Path) -> None:
     counts = house.count(tiny(tmp_path, **{"dem_bridge/errors2/names.json": '{"a": "dem_bridge.low.base:f"}'}))
     assert "errors2 -> low" in counts["arrows between rooms"].members
+
+
+def test_the_rooms_of_the_package_name_each_other_in_one_direction() -> None:
+    package = Path(dem_bridge.__file__).parent
+    found = house_graph.namings(package, house_source.read_modules(package))
+    found = {naming for naming in found if (naming.source, naming.target) not in BY_TEXT}
+    assert house_graph.circles(house_graph.graph_of_rooms(house_graph.graph_of(found))) == []
 
 
 def test_sizes_are_those_of_code_and_limits_are_exclusive(tmp_path: Path) -> None:

@@ -116,9 +116,9 @@ def guest_packages() -> Iterator[Finding]:
             try:
                 state = guests.examined(group, name, ours)
             except UsageError as error:
-                yield _fault(group.partition(".")[2], error, needed=False)
+                yield _fault(group, error, needed=False)
             else:
-                yield Finding(name=group.partition(".")[2], state=state, needed=False)
+                yield Finding(name=group, state=state, needed=False)
 
 
 def _engine(engine: Engine) -> Iterator[Finding]:

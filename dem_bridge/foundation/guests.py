@@ -5,9 +5,9 @@ A distribution names them in its pyproject.toml, each as ``name = "module:attrib
     [project.entry-points."dem_bridge.backends"]
     my-backend = "my_package.backend:MyBackend"
 
-The groups are ``dem_bridge.backends`` (classes), ``dem_bridge.studies`` and ``dem_bridge.readers`` (functions). The
-entry points are read when a name is not one of this package, or when names are listed. A name of this package cannot
-be taken, and a name that two distributions have belongs to neither.
+The groups are ``dem_bridge.backends`` (classes), ``dem_bridge.studies`` and ``dem_bridge.readers`` (functions); here
+they are named by their last part. The entry points are read when a name is not one of this package, or when names are
+listed. A name of this package cannot be taken, and a name that two distributions have belongs to neither.
 """
 
 from __future__ import annotations
@@ -21,7 +21,16 @@ from dem_bridge.errors import UsageError, one_line
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-BACKENDS, STUDIES, READERS = "dem_bridge.backends", "dem_bridge.studies", "dem_bridge.readers"
+BACKENDS, STUDIES, READERS = "backends", "studies", "readers"
+
+
+def group_name(group: str) -> str:
+    """Return the name of a group of entry points.
+
+    >>> group_name(READERS)
+    'dem_bridge.readers'
+    """
+    return f"dem_bridge.{group}"
 
 
 @cache
@@ -29,7 +38,7 @@ def _points(group: str) -> dict[str, tuple[EntryPoint, ...]]:
     """Return the entry points of a group by name, those of a name in the order of their distributions."""
     from importlib.metadata import entry_points
 
-    points = sorted(entry_points(group=group), key=lambda point: (point.name, _distribution(point)))
+    points = sorted(entry_points(group=group_name(group)), key=lambda point: (point.name, _distribution(point)))
     return {name: tuple(point for point in points if point.name == name) for name in {p.name: None for p in points}}
 
 
@@ -48,8 +57,9 @@ def find_guest(group: str, name: object) -> EntryPoint | None:
     points = _points(group).get(name, ()) if isinstance(name, str) else ()
     if len(points) > 1:
         raise UsageError(
-            f"{name!r} of {group} is a name in the distributions {' and '.join(map(_distribution, points))};"
-            " allowed: one distribution for each name; uninstall the others"
+            f"{name!r} of {group_name(group)} is a name in the distributions"
+            f" {' and '.join(map(_distribution, points))}; allowed: one distribution for each name;"
+            " uninstall the others"
         )
     return points[0] if points else None
 
@@ -69,8 +79,8 @@ def examined(group: str, name: str, ours: Collection[str]) -> str:
     """Import what a name stands for and return a line about it; raise UsageError for a name that is taken."""
     if name in ours:
         raise UsageError(
-            f"{name!r} of {group} in the distribution {_distribution(_points(group)[name][0])} is not used, because"
-            " dem_bridge has that name; rename it there"
+            f"{name!r} of {group_name(group)} in the distribution {_distribution(_points(group)[name][0])} is not used,"
+            " because dem_bridge has that name; rename it there"
         )
     point = find_guest(group, name)
     assert point is not None  # the name is one of the group

@@ -37,8 +37,9 @@ NOT_IN_STUDIES = (
     "verification.page", "verification.pictures", "verification.regression", "verification.replay",
     "verification.templates",
 )  # fmt: skip
-#: it selects the family or rule of each backend, which the catalogue names: its imports are those of all backends
-_DISPATCH = "dem_bridge.runs.uncertainty.estimate"
+#: folder of the rules of uncertainties, and the module there that selects the family or rule of each backend, which the
+#: catalogue names: its imports are those of all backends
+_RULES, _SELECTS = "runs.uncertainty", "estimate"
 #: files of the package that are code, or texts and tables in place of code
 _DATA = (".template", ".toml", ".json", ".j2")
 _OURS = "dem_bridge."
@@ -54,7 +55,7 @@ def code_of_run(backend: str, *, uncertainty: bool, package: Path = PACKAGE) -> 
     entry = entry_of(backend)
     foreign = {} if backend in BACKENDS else _foreign_files(entry.module)
     modules = [entry.module] if backend in BACKENDS else _ours_in(foreign.values(), package)
-    roots = [*modules, *([_DISPATCH, rule_of(backend)] if uncertainty and entry.uncertainty else [])]
+    roots = [*modules, *([_rule(_SELECTS), rule_of(backend)] if uncertainty and entry.uncertainty else [])]
     files: set[Path] = set()
     for module in _closure(roots, package):
         file = _file(module, package)
@@ -87,7 +88,12 @@ def _ours_in(files: Iterable[Path], package: Path) -> list[str]:
 
 def rule_of(backend: str) -> str:
     """Return the module with the rule from which the uncertainty of a backend follows."""
-    return _DISPATCH.rpartition(".")[0] + "." + entry_of(backend).uncertainty
+    return _rule(entry_of(backend).uncertainty)
+
+
+def _rule(name: str) -> str:
+    """Return the module of a name in the folder of the rules."""
+    return f"{_OURS}{_RULES}.{name}"
 
 
 @cache
@@ -158,7 +164,7 @@ def _imports(module: str, package: Path) -> frozenset[str]:
     file = _file(module, package)
     assert file is not None
     names = {module.rpartition(".")[0]}
-    if module != _DISPATCH:
+    if module != _rule(_SELECTS):
         names |= _names_in(file.read_text(encoding="utf-8"))
     return frozenset(name for name in names if _counts(name, package))
 
