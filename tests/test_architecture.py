@@ -197,6 +197,7 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
             "click",
             {
                 "cli.convert",
+                "cli.demo",
                 "cli.export",
                 "cli.group",
                 "cli.imports",

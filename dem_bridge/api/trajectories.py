@@ -80,7 +80,9 @@ def write_trajectory(
     if chosen == "nc":
         _with_scene(run, scene).save(path)
         return
-    write_whole(path.parent, {path.name: text_of(run, _scene(scene, run), chosen, spacing=spacing, layout=layout)})
+    write_whole(
+        path.parent, {path.name: text_of(run, scene_of_run(scene, run), chosen, spacing=spacing, layout=layout)}
+    )
 
 
 def read_trajectory(
@@ -152,7 +154,7 @@ def read_trajectory(
             f"{path}: no scene was given, but a file of another program has no contacts and masses; give the scene of"
             " this run (--scene)"
         )
-    return read(path, _scene(scene), chosen, units=units, dt=dt)
+    return read(path, scene_of_run(scene), chosen, units=units, dt=dt)
 
 
 def compare(run: Trajectory, reference: Trajectory, *, tolerance: float = 0.0) -> Comparison:
@@ -204,7 +206,7 @@ def _with_scene(run: Trajectory, scene: Scene | str | Path | None) -> Trajectory
     return replace(run, provenance={**run.provenance, _SCENE_FILE: scene_toml(known)})
 
 
-def _scene(scene: Scene | str | Path | None, run: Trajectory | None = None) -> Scene:
+def scene_of_run(scene: Scene | str | Path | None, run: Trajectory | None = None) -> Scene:
     """Return the scene, or without one the scene in the run's provenance: its text, or the name of a shipped one."""
     if scene is not None:
         return scene_of(scene)

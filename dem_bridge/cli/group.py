@@ -21,6 +21,7 @@ import click
 import dem_bridge
 from dem_bridge.cli import terminal
 from dem_bridge.cli.convert import compare, convert
+from dem_bridge.cli.demo import demo, show
 from dem_bridge.cli.export import export
 from dem_bridge.cli.imports import import_group
 from dem_bridge.cli.judge import judge
@@ -234,6 +235,8 @@ def doctor(as_json: bool, **settings: Any) -> None:
 
 
 _COMMANDS = (
+    demo,
+    show,
     scenes,
     run,
     deck,

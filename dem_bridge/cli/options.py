@@ -152,7 +152,9 @@ def _parameter(name: str, keywords: dict[str, Any]) -> click.Parameter:
     kind = keywords.pop("type", None)
     keywords["type"] = click.Choice(kind) if isinstance(kind, list) else _TYPES.get(kind)
     if keywords.pop("argument", False):
-        return click.Argument([name], shell_complete=scene_names if name in ("scene", "scenes") else None, **keywords)
+        return click.Argument(
+            [name], shell_complete=scene_names if name in ("scene", "scenes", "drawn") else None, **keywords
+        )
     return click.Option([*keywords.pop("flags", [f"--{name.replace('_', '-')}"]), name], **keywords)
 
 

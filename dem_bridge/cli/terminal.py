@@ -64,11 +64,11 @@ def _cell(value: str | float) -> str:
 def print_scenes(scenes: list[Scene]) -> None:
     """Print a line per scene; on a terminal the description is wrapped to the width."""
     name = max(len(scene.name) for scene in scenes)
-    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    width = columns()
     print(f"{'scene':{name}}  bodies   ms  description")
     for scene in scenes:
         head = f"{scene.name:{name}}  {scene.n_body:6} {1e3 * scene.duration:4.3g}  "
-        print(textwrap.fill(scene.description, columns, initial_indent=head, subsequent_indent=" " * len(head)))
+        print(textwrap.fill(scene.description, width, initial_indent=head, subsequent_indent=" " * len(head)))
 
 
 def print_plan(plan: Plan, scene: str) -> None:
@@ -194,11 +194,17 @@ class _Meter:
         }
 
 
+def columns() -> int:
+    """Return the number of columns of the terminal; many where the output is a pipe."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+
+
 @contextmanager
-def bar(as_json: bool = False) -> Iterator[Callable[[float, int, str], None] | None]:
+def bar(as_json: bool = False, label: str = "") -> Iterator[Callable[[float, int, str], None] | None]:
     """Yield the callback of a progress bar with the remaining time on a terminal; None in a pipe.
 
-    ``as_json``: a line of JSON on stderr in place of the bar, whenever the state has changed.
+    ``as_json``: a line of JSON on stderr in place of the bar, whenever the state has changed. ``label``: what is shown
+    until the first call.
     """
     if as_json:
         with _metered(_Meter(_print_state)) as progress:
@@ -212,7 +218,7 @@ def bar(as_json: bool = False) -> Iterator[Callable[[float, int, str], None] | N
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.table import Column
 
-    columns = (
+    parts = (
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
         TimeElapsedColumn(),
@@ -220,8 +226,9 @@ def bar(as_json: bool = False) -> Iterator[Callable[[float, int, str], None] | N
         TimeRemainingColumn(),
         TextColumn("{task.description}", table_column=Column(no_wrap=True, overflow="ellipsis")),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task("", total=1.0)
+    with Progress(*parts, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task(escape(label), total=1.0)
+        bars.refresh()
         meter = _Meter(lambda meter: bars.update(task, completed=meter.fraction, description=escape(meter.text)))
         with _metered(meter) as progress:
             yield progress
@@ -267,7 +274,7 @@ def fraction(label: str) -> Iterator[None]:
     """Show the progress of one run, as :func:`bar`."""
     from dem_bridge.foundation.progress import listening
 
-    with bar() as progress:
+    with bar(label=label) as progress:
         if progress is None:
             yield
             return
