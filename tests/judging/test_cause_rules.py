@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dem_bridge.judging import cause, single
+from dem_bridge.judging import cause
 from dem_bridge.judging.cause import Diagnosis
 from dem_bridge.judging.fitting import Block, Fit
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
+from dem_bridge.judging.single import on_single_grid
 from dem_bridge.trajectory.trajectory import Floats
 from tests.helpers.judged_records import CHAIN
+from tests.helpers.seams import Seam, plant
 
 SYSTEM: Any = "system"
 
@@ -283,24 +286,29 @@ def test_unexplained_fits_differ_by_half(family: str, best: str, ratio: float, a
 # ---------------------------------------------------------------- one file, and several
 def diagnosed(
     monkeypatch: pytest.MonkeyPatch, none: Fit, *, size: float = 0.1, answer: str = "unknown",
-    fits: tuple[Fit, ...] = (), single_grid: bool = True, noise: float = 99.0,
+    fits: tuple[Fit, ...] = (), single_grid: bool = True, noise: float = 99.0, files: Sequence[Any] = (),
 ) -> Diagnosis:  # fmt: skip
+    """Return the diagnosis of files that the scene explains no better than ``none``; each may have its own cause."""
     decision = SimpleNamespace(
         decide=lambda hypothesis, p: none if not p.size else None, effect_of_noise=lambda fit: noise
     )
-    search = SimpleNamespace(
-        decision=decision, none="none", errors=np.array([0.0, size, 0.0]), fits=lambda: list(fits), data="data"
-    )
-    monkeypatch.setattr(cause, "Search", lambda scene, record, floor: search if floor == {"velocity": 1.0} else None)
-    monkeypatch.setattr(
-        cause, "name_cause", lambda search, none, fits, certain: Diagnosis(cause=answer, evidence="name")
-    )
-    monkeypatch.setattr(cause, "on_single_grid", lambda data: single_grid)
-    monkeypatch.setattr(cause, "statements", lambda scene, record: [])
-    monkeypatch.setattr(cause, "step_error", lambda decision, fit: None)
-    monkeypatch.setattr(cause, "_all_zero", lambda search: "")
-    record: Any = SimpleNamespace(dt=None)
-    return cause.diagnose(CHAIN, [record], {"velocity": 1.0})
+
+    def search(scene: Any, record: Any, floor: Any) -> Any:
+        assert floor == {"velocity": 1.0}
+        return SimpleNamespace(
+            decision=decision, none="none", errors=np.array([0.0, size, 0.0]), fits=lambda: list(fits),
+            data=SimpleNamespace(blocks=[]), exact=[], record=record,
+        )  # fmt: skip
+
+    def named(search: Any, none: Fit, fits: list[Fit], certain: bool) -> Diagnosis:
+        return Diagnosis(cause=getattr(search.record, "cause", answer), evidence=str(search.record.dt))
+
+    plant(monkeypatch, Seam.SEARCH, search)
+    plant(monkeypatch, Seam.NAME_CAUSE, named)
+    plant(monkeypatch, Seam.ON_SINGLE_GRID, lambda data: single_grid)
+    plant(monkeypatch, Seam.STATEMENTS, lambda scene, record: [])
+    plant(monkeypatch, Seam.STEP_ERROR, lambda decision, fit: None)
+    return cause.diagnose(CHAIN, files or [SimpleNamespace(dt=None)], {"velocity": 1.0})
 
 
 def test_what_digits_explain_or_nearly_explain_has_no_cause(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -355,14 +363,14 @@ def test_unexplained_values_on_a_grid_of_single_precision_are_so_named(
         (["mass", "time-shift"], "mass"),
         (["none", "sampling-shift"], "sampling-shift"),
         (["none", "first-order-integrator"], "first-order-integrator"),
+        (["none", "half-step-velocity"], "half-step-velocity"),
+        (["none", "mass"], "none"),  # whose effect does not grow with the step: the finest file would show it
+        (["unknown", "mass"], "unknown"),
     ],
 )
 def test_coarser_files_show_causes_of_the_step(monkeypatch: pytest.MonkeyPatch, causes: list[str], answer: str) -> None:
     files: list[Any] = [SimpleNamespace(dt=None if k == 3 else 1e-7 * (k + 1), cause=c) for k, c in enumerate(causes)]
-    monkeypatch.setattr(
-        cause, "_diagnose_file", lambda scene, file, floor: Diagnosis(cause=file.cause, evidence=str(file.dt))
-    )
-    diagnosis = cause.diagnose(CHAIN, files[::-1])
+    diagnosis = diagnosed(monkeypatch, fit("none", rms=1e4, error=0.1), files=files[::-1], single_grid=False)
     if answer == "second":
         assert (diagnosis.cause, diagnosis.evidence) == ("unknown", "2e-07")
     else:
@@ -388,7 +396,7 @@ def block(*columns: Floats, digits: float = 0.0, quantity: int = 0) -> Block:
 
 def is_single(*blocks: Block) -> bool:
     data: Any = SimpleNamespace(blocks=blocks)
-    return single.on_single_grid(data)
+    return on_single_grid(data)
 
 
 def mixed(share: int) -> Floats:
@@ -445,6 +453,7 @@ def grid(power: int, share: int = 100, off: float = 0.0) -> Floats:
         ((grid(30, 95),), 1e-16, False),
         ((grid(30), FAR), 1e-16, False),
         ((grid(30), FAR.astype(np.float32).astype(float)), 1e-16, True),  # a body at the origin has its own grid
+        ((grid(30), (1e-4 * FAR).astype(np.float32).astype(float)), 1e-16, True),  # ... or none
         ((FAR,), 1e-16, False),
         # digits of more than a quarter of the grid do not resolve it; values may be off by them
         ((grid(30, off=0.2),), 0.2 * 2.0**-30, True),
@@ -458,21 +467,28 @@ def test_displacements_of_single_positions_are_multiples_of_their_spacing(
     columns: tuple[Floats, ...], digits: float, answer: bool
 ) -> None:
     assert is_single(block(*columns, digits=digits, quantity=1)) is answer
-    # velocities are no differences of positions
-    assert not is_single(block(grid(30), digits=1e-16, quantity=2)) or single._are_singles(
-        grid(30), np.full(100, 1e-16)
-    )
+    # velocities and forces are no differences of positions: only numbers of single precision have a grid
+    for quantity in (0, 2):
+        assert not is_single(block(grid(40), digits=1e-16, quantity=quantity))
+    assert is_single(block(grid(40), digits=1e-16, quantity=1))
 
 
-def test_a_grid_is_a_hundredth_of_the_motion_at_most_and_finer_than_its_digits() -> None:
-    spacing = 2.0**-18
-    coarse = spacing * np.rint(np.linspace(0.0, 1.0, 100) * 200.0) + 0.0
-    digits = np.full(100, 1e-9)
-    assert single._on_grid(coarse, digits)
-    assert not single._on_grid(spacing * np.rint(np.linspace(0.0, 1.0, 100) * 60.0) / 1.0, np.full(100, 0.3 * spacing))
-    narrow = spacing * np.rint(np.linspace(0.0, 1.0, 100) * 70.0)
-    assert single._on_grid(narrow, np.full(100, 1e-9)) is True  # by a finer grid
-    assert single._on_grid(narrow, np.full(100, 0.2 * spacing)) is False
-    assert single._on_grid(2.0 * coarse, np.full(100, 0.2 * spacing)) is True
-    # the coarsest digits count
-    assert single._on_grid(2.0 * coarse, np.append(np.full(99, 1e-9), 0.3 * spacing)) is False
+@pytest.mark.parametrize(
+    ("count", "step", "digits", "coarsest", "answer"),
+    [
+        (200, 1, 1e-9, 0.0, True),
+        (60, 1, 0.3 * 2.0**-18, 0.0, False),
+        (70, 1, 1e-9, 0.0, True),  # by a finer grid
+        (70, 1, 0.2 * 2.0**-18, 0.0, False),
+        (200, 2, 0.2 * 2.0**-18, 0.0, True),
+        (200, 2, 1e-9, 0.3 * 2.0**-18, False),  # the coarsest digits count
+    ],
+)
+def test_a_grid_is_a_hundredth_of_the_motion_at_most_and_finer_than_its_digits(
+    count: int, step: int, digits: float, coarsest: float, answer: bool
+) -> None:
+    # half a nanometre beside the multiples, which is no number of single precision and which no digits resolve
+    moved = 2.0**-18 * step * np.rint(np.linspace(0.0, 1.0, 100) * count) + 0.5e-9
+    rounding = np.full((100, 1), digits)
+    rounding[-1] = max(digits, coarsest)
+    assert is_single(block(moved, quantity=1)._replace(rounding=rounding)) is answer

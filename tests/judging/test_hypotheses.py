@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.judging import kernels, samples
-from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, _effective, _factor, global_hypotheses
+from dem_bridge.judging import kernels
+from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, global_hypotheses
 from dem_bridge.judging.model import Model, system_of
-from dem_bridge.judging.samples import POWERS, half_steps, sample_hypotheses
+from dem_bridge.judging.samples import MOST_ORDERED, POWERS, half_steps, sample_hypotheses
 from dem_bridge.scene.file import parse_scene
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from dem_bridge.trajectory.trajectory import Floats
@@ -113,8 +113,10 @@ def test_each_hypothesis_changes_what_it_says() -> None:
     again = of(replace(CHAIN, drag=300.0), "drag")[0].make(HALF).system
     assert again.drag == pytest.approx(300.0 + 0.5 / CHAIN.duration)
     # a factor of more than a thousand is none
-    assert (_factor(6.5), _factor(8.0)) == (pytest.approx(math.exp(6.5)), pytest.approx(math.exp(7.0)))
-    assert (_factor(-6.5), _factor(-8.0)) == (pytest.approx(math.exp(-6.5)), pytest.approx(math.exp(-7.0)))
+    for p, logarithm in ((6.5, 6.5), (8.0, 7.0), (-6.5, -6.5), (-8.0, -7.0)):
+        limited = by_cause["mass"].make(np.array([p])).system.mass / base.mass
+        np.testing.assert_allclose(limited, math.exp(logarithm))
+        assert by_cause["mass"].value(p) == pytest.approx(math.exp(logarithm))
     assert Hypothesis("", lambda p: Variant(base), "", starts=((1.0, 2.0), (3.0,))).size == 2
 
 
@@ -153,7 +155,11 @@ def test_a_load_remains_and_a_weight_does_not_depend_on_the_mass() -> None:
 
 
 def test_effective_masses_and_places_of_contacts_are_along_the_line() -> None:
-    np.testing.assert_allclose(_effective(np.array([2.0, 6.0, 3.0])), [2.0, 1.5, 2.0, 3.0])
+    # bodies of 2, 6 and 3 kg: m1 m2 / (m1 + m2), and the mass itself at a wall
+    three = Scene(name="three", duration=1e-4, mass=(2.0, 6.0, 3.0), stiffness=(4e9, 4e9), velocity=(1.0, 0.0, 0.0),
+                  wall_left=Wall(stiffness=3e9), wall_right=Wall(stiffness=4e9))  # fmt: skip
+    by_mass, unit = Changes(three, Model(three)).damping(1, True)
+    np.testing.assert_allclose(by_mass(np.ones(1)).system.damping / unit, [2.0, 1.5, 2.0, 3.0])
     walled = replace(CHAIN, wall_left=Wall(stiffness=3e9), wall_right=Wall(stiffness=4e9))
     change = Changes(walled, Model(walled))
     assert change.places().tolist() == [1, 2, 3, 4, 0, 5]
@@ -174,14 +180,15 @@ def test_another_damping_is_one_percent_of_the_critical_one_at_a_parameter_of_on
     model = Model(scene)
     model.depth = depth
     change, deep = Changes(scene, model), max(depth, 1e-12)
-    mass, beta = _effective(np.array(CHAIN.mass)), np.array([4.0, 5.0, 0.5, 6.0])
+    first, second, beta = np.array(CHAIN.mass[:-1]), np.array(CHAIN.mass[1:]), np.array([4.0, 5.0, 0.5, 6.0])
+    mass = first * second / (first + second)
     # of the stiffest contact, between bodies 3 and 4, at the depth of the scene
-    critical = 2.0 * math.sqrt((exponent - 1.0) * 6.0 * deep ** (exponent - 2.0) * mass[4])
+    critical = 2.0 * math.sqrt((exponent - 1.0) * 6.0 * deep ** (exponent - 2.0) * mass[3])
     shapes = [
         (np.ones(4), 0.0),
-        (mass[1:-1], 0.0),
+        (mass, 0.0),
         (beta, max(exponent - 2.0, 0.0)),
-        (np.sqrt(mass[1:-1] * beta), max(0.5 * exponent - 1.0, 0.0)),
+        (np.sqrt(mass * beta), max(0.5 * exponent - 1.0, 0.0)),
     ]
     for law, (shape, power) in enumerate(shapes):
         for clipped in (True, False):
@@ -324,25 +331,33 @@ def test_gravity_may_be_missing_or_that_of_the_earth(gravity: float, load: float
 # ---------------------------------------------------------------- how samples were written
 def data_of(
     *, end: float = 1.0, values: tuple[float, ...] = (), interval: float = 0.25, dt: float | None = None,
-    quantities: tuple[int, ...] = (0, 1, 2),
+    quantities: tuple[int, ...] = (0, 1, 2), n_body: int = MOST_ORDERED + 1,
 ) -> Any:  # fmt: skip
     """Return data of a scene of 1 s whose exact values are 0.1, -0.2 and one that is absent; ``values``: factors."""
     exact = np.array([0.1, -0.2, np.nan])
-    blocks = [SimpleNamespace(quantity=quantities[k], values=factor * exact) for k, factor in enumerate(values)]
+    blocks = [
+        SimpleNamespace(quantity=quantities[k], values=factor * exact, scale=0.2, columns=range(3))
+        for k, factor in enumerate(values)
+    ]
 
     def predict(variant: Variant, rows: int) -> list[Floats]:
         assert rows == 3
         return [100.0 * variant.scale * exact for _ in values]
 
     return SimpleNamespace(
-        model=SimpleNamespace(system="base", scene=SimpleNamespace(n_body=3, duration=1.0)),
+        model=SimpleNamespace(system="base", scene=SimpleNamespace(n_body=n_body, duration=1.0)), from_first=True,
         time=np.array([0.0, 0.3, end]), interval=interval, dt=dt, blocks=blocks, predict=predict,
         exact=[exact for _ in values],
     )  # fmt: skip
 
 
+def units_of(data: Any) -> list[Hypothesis]:
+    """Return the hypotheses that times or values are in units of a power of ten, which have no parameter."""
+    return [each for each in sample_hypotheses(data, data.exact) if each.cause == "units" and not each.size]
+
+
 def test_times_lags_and_orders_of_samples_are_these() -> None:
-    data = data_of()
+    data = data_of(n_body=3)
     new = ("units", "sign", "start-position")
     yielded = [each for each in sample_hypotheses(data, data.exact) if each.cause not in new]
     assert [each.cause for each in yielded] == [
@@ -370,6 +385,7 @@ def test_times_lags_and_orders_of_samples_are_these() -> None:
         (1.0, [1e-2, 1e-1]),
         (1.5, [1e-3, 1e-2, 1e-1]),
         (0.25, [1e-2, 1e-1, 10.0]),
+        (0.295, [1e-2, 1e-1, 10.0]),
         (0.3, [1e-2, 1e-1]),
         (0.45, [1e-2, 1e-1]),
         (0.15, [1e-1, 10.0]),  # of a scene of 2 s
@@ -382,7 +398,7 @@ def test_times_lags_and_orders_of_samples_are_these() -> None:
 def test_times_may_be_in_units_in_which_the_scene_ends_with_the_file(end: float, scales: list[float]) -> None:
     data = data_of(end=end)
     data.model.scene.duration = 2.0 if end == 0.15 else 1.0
-    yielded = list(samples._units(data, []))
+    yielded = units_of(data)
     if end == 1e9:
         scales = [1e-9]
     if end == 1e10:
@@ -400,7 +416,7 @@ def test_values_may_be_in_units_of_a_power_of_ten(factor: float, power: int) -> 
     for place, name in enumerate(("velocities", "displacements", "forces")):
         factors = tuple(factor if k == place else 1.0 for k in range(3))
         data = data_of(end=5e9, values=factors)
-        yielded = list(samples._units(data, data.exact))
+        yielded = units_of(data)
         if not power:
             assert yielded == []
             continue
@@ -412,11 +428,9 @@ def test_values_may_be_in_units_of_a_power_of_ten(factor: float, power: int) -> 
     # in times of another unit values are compared with the motion at those times, here 100 scale times as large
     data = data_of(end=1e9, values=(1e-7, 1e-4), quantities=(0, 2))
     data.exact = [np.zeros(3)] * 2
-    (each,) = samples._units(data, data.exact)
+    (each,) = units_of(data)
     assert each.evidence == "Units: times by 1e-09 and forces by 0.001 give SI."
     assert each.make(NOTHING).factors == pytest.approx((1.0, 1.0, 1e3))
-    with pytest.raises(ValueError, match="zip"):
-        list(samples._units(data, data.exact[:1] * 3))
 
 
 METHODS = [

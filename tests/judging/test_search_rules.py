@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +15,7 @@ from dem_bridge.judging import search as module
 from dem_bridge.judging.hypotheses import Changes, Hypothesis
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.search import Candidate, Search
-from dem_bridge.scene.scene import Wall
+from dem_bridge.scene.scene import Damping, Wall
 from dem_bridge.trajectory.trajectory import Floats
 from tests.helpers.judged_records import CHAIN
 
@@ -187,7 +187,7 @@ def test_the_hypothesis_that_leaves_least_is_the_first() -> None:
 
 # ---------------------------------------------------------------- single places
 def test_masses_stiffnesses_and_missed_contacts_are_hypotheses_of_a_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = replace(CHAIN, wall_right=Wall(stiffness=4e9))
+    scene = replace(CHAIN, wall_right=Wall(stiffness=4e9), damping=Damping(law="dashpot", coefficient=5.0))
     search = search_of(SMALL)
     search.scene, search.model = scene, Model(scene)
     ranked: list[list[Hypothesis]] = []
@@ -218,26 +218,38 @@ def test_masses_stiffnesses_and_missed_contacts_are_hypotheses_of_a_place(monkey
     inside = base.stiffness > 0.0
     ratio = stiffness.make(np.array([0.5])).system.stiffness[inside] / base.stiffness[inside]
     np.testing.assert_allclose(ratio, [1.0, 1.0, 1.0, 1.0, factor])
-    np.testing.assert_allclose(missed.make(np.zeros(0)).system.stiffness, change.base.stiffness * [1, 1, 0, 1, 1, 1])
+    # neither pushes nor damps
+    without = missed.make(np.zeros(0)).system
+    np.testing.assert_allclose(without.stiffness, change.base.stiffness * [1, 1, 0, 1, 1, 1])
+    np.testing.assert_allclose(without.damping, change.base.damping * [1, 1, 0, 1, 1, 1])
+    assert np.count_nonzero(without.damping) == 4
 
 
 # ---------------------------------------------------------------- fits in growing windows
-def candidate(where: str, left: float = 0.5, *, cause: str = "", parameter: float = 0.0, family: str = "") -> Candidate:
-    return Candidate(hypothesis(cause=cause or where, where=where, family=family), np.array([parameter]), left)
+def candidate(
+    where: str, left: float = 0.5, *, cause: str = "", parameter: float = 0.0, evidence: str = ""
+) -> Candidate:
+    chosen = replace(hypothesis(cause=cause or where, where=where), evidence=evidence)
+    return Candidate(chosen, np.array([parameter]), left)
 
 
-def fitting_of(candidates: dict[int, list[Candidate]], rows: int = 100) -> Any:
+def fitting_of(candidates: dict[int, list[Candidate]], windows: Sequence[int] = (10,), rows: int = 100) -> Any:
     """Return a search with candidates by the number of samples, and a residual of 1 for the scene."""
     search = search_of(np.linspace(0.01, 1.0, rows), start=np.ones(4))
+    search.windows, search.scene, search.model = (lambda: [*windows]), None, None
     search.everywhere = lambda: ["everywhere"]
     search.places = lambda rows: [f"places {rows}"]
 
     def rank(hypotheses: list[str], rows: int) -> list[Candidate]:
         assert hypotheses == ["everywhere", f"places {rows}"]
-        return candidates[rows]
+        return candidates.get(rows, [])
 
     search.rank = rank
     return search
+
+
+def places_of(kept: Iterable[Candidate]) -> list[str]:
+    return [each.hypothesis.where for each in kept]
 
 
 @pytest.mark.parametrize(
@@ -247,9 +259,9 @@ def fitting_of(candidates: dict[int, list[Candidate]], rows: int = 100) -> Any:
 def test_hypotheses_are_ranked_in_the_first_and_in_the_third_window(
     windows: list[int], ranked: tuple[int, ...]
 ) -> None:
-    search = fitting_of({rows: [candidate(f"a{rows}")] for rows in ranked})
-    kept = search._fitted(windows)
-    assert [each.hypothesis.where for each in kept] == [f"a{rows}" for rows in ranked]
+    # windows without a rank of their own have a candidate, too, which is not examined
+    search = fitting_of({rows: [candidate(f"a{rows}")] for rows in (10, 20, 40, 80)}, windows)
+    assert places_of(search.finalists()) == [f"a{rows}" for rows in ranked]
     # each window begins from the fit of the one before
     fits = [(where, start, rows) for where, start, rows, _ in search.fitter.fits]
     assert fits == [(f"a{rows}", float(k), window) for k, window in enumerate(windows) for rows in ranked]
@@ -263,14 +275,32 @@ def test_candidates_that_leave_all_that_are_many_or_that_are_alike_are_not_fitte
         *(candidate("a", 0.9), candidate("b", 0.96), candidate("c", 0.97), candidate("d", 1.5)),
         *(candidate(f"e{k}", 0.9, cause="e", parameter=float(k)) for k in range(6)),
     ]
-    search = fitting_of({10: few})
-    assert [each.hypothesis.where for each in search._fitted([10])] == ["a", "b", "e0", "e1", "e2", "e3"]
-    many = fitting_of({10: [candidate(f"a{k}") for k in range(30)]})
-    assert len(many._fitted([10])) == 24
-    twice = fitting_of(
-        {10: [candidate("a", parameter=1.0), candidate("a", parameter=1.2), candidate("a", parameter=2.0)]}
+    assert places_of(fitting_of({10: few}).finalists()) == ["a", "b", "e0", "e1", "e2", "e3"]
+    assert len(fitting_of({10: [candidate(f"a{k}") for k in range(30)]}).finalists()) == 24
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "alike"),
+    [
+        (("a", 1.25), ("a", 1.0), True),
+        (("a", 1.4), ("a", 1.0), False),
+        (("a", 1.0), ("b", 1.0), False),
+        (("a", 0.5e-12), ("a", 0.0), True),
+        (("a", 1.5e-12), ("a", 0.0), False),
+    ],
+)
+def test_of_candidates_of_one_place_and_nearly_one_start_the_first_is_fitted(
+    first: tuple[str, float], second: tuple[str, float], alike: bool
+) -> None:
+    left, right = (
+        candidate(where, cause="mass", parameter=parameter, evidence="Some.") for where, parameter in (first, second)
     )
-    assert [start for _, start, *_ in (twice._fitted([10]), twice.fitter.fits)[1]] == [1.0, 2.0]
+    search = fitting_of({10: [left, right]})
+    search.finalists()
+    assert [start for _, start, *_ in search.fitter.fits] == [first[1], *([] if alike else [second[1]])]
+    for changes in ({"evidence": "Another."}, {"cause": "stiffness"}):
+        other = replace(right, hypothesis=replace(right.hypothesis, **changes))  # type: ignore[arg-type]
+        assert len(fitting_of({10: [left, other]}).finalists()) == 2
 
 
 @pytest.mark.parametrize(
@@ -287,11 +317,18 @@ def test_candidates_that_leave_all_that_are_many_or_that_are_alike_are_not_fitte
 def test_fits_that_leave_much_are_dropped(left: dict[str, float], kept: list[str]) -> None:
     search = fitting_of({10: [candidate(name) for name in reversed(left)]})
     search.fitter.left = left
-    assert [each.hypothesis.where for each in search._fitted([10])] == kept
+    assert places_of(search.finalists()) == kept
     search.base.residual = np.array([1.0, 7.0])  # root mean square 5
     search.fitter.left = {name: 5.0 * value for name, value in left.items()}
-    assert [each.left for each in search._fitted([10])] == pytest.approx([left[name] for name in kept])
-    assert fitting_of({10: []})._fitted([10]) == []
+    assert [each.left for each in search.finalists()] == pytest.approx([left[name] for name in kept])
+    assert fitting_of({10: []}).finalists() == []
+
+
+def test_where_no_window_shows_anything_all_samples_may() -> None:
+    search = fitting_of({10: [candidate("a", 0.97)], 100: [candidate("b")]})
+    assert places_of(search.finalists()) == ["b"]
+    assert {rows for _, _, rows, _ in search.fitter.fits} == {100}
+    assert places_of(fitting_of({10: [candidate("a")], 100: [candidate("b")]}).finalists()) == ["a"]
 
 
 def test_factors_on_masses_and_stiffnesses_are_examined_together(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -300,21 +337,16 @@ def test_factors_on_masses_and_stiffnesses_are_examined_together(monkeypatch: py
         for cause, family in (("stiffness-scale", "factor"), ("mass", "factor"), ("gravity", ""))
     )
     monkeypatch.setattr(module, "global_hypotheses", lambda scene, model: [other, scale, mass])
-    search = search_of(SMALL)
-    search.scene = search.model = None
-    first, second = Candidate(other, np.array([7.0]), 0.1), Candidate(scale, np.array([0.25]), 0.2)
-    third = Candidate(other, np.array([8.0]), 0.3)
-    search.windows = lambda: [1, 2]
-    search._fitted = lambda windows: [first, second, third] if windows == [1, 2] else []
+    first, second, third = candidate("first", parameter=7.0), Candidate(scale, np.array([0.25]), 0.2), candidate("last")
+    search = fitting_of({10: [first, second, third]})
+    search.fitter.left = {"first": 0.1, "stiffness-scale": 0.2, "mass": 0.2, "last": 0.3}
     kept = search.finalists()
-    assert [each.hypothesis.cause for each in kept] == ["gravity", "stiffness-scale", "mass", "gravity"]
-    assert (list(kept[2].parameters), kept[2].left) == ([-0.25], 0.2)
-    both = [first, second, Candidate(mass, np.array([-0.25]), 0.2)]
-    search._fitted = lambda windows: list(both) if windows == [1, 2] else []
-    assert search.finalists() == both
-    # where no window shows anything, all samples may
-    search._fitted = lambda windows: [first] if windows == [2] else []
-    assert search.finalists() == [first]
+    assert places_of(kept) == ["first", "stiffness-scale", "mass", "last"]
+    # a factor on all stiffnesses is the inverse factor on all masses
+    assert (kept[1].parameters[0], kept[2].parameters[0], kept[2].left) == (1.25, -1.25, 0.2)
+    both = fitting_of({10: [first, second, Candidate(mass, np.array([-0.25]), 0.2)]})
+    assert places_of(both.finalists()) == ["first", "stiffness-scale", "mass"]
+    assert places_of(fitting_of({10: [first, third]}).finalists()) == ["first", "last"]
 
 
 def test_six_finalists_are_decided_each_with_the_best_one_before() -> None:
@@ -330,24 +362,3 @@ def test_six_finalists_are_decided_each_with_the_best_one_before() -> None:
     search.decision = SimpleNamespace(decide=decide)
     assert [fit.where for fit in search.fits()] == ["4", "5", "1", "2", "0", "3"]
     assert rivals == [None, "0", "1", "1", "1", "4"]
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "alike"),
-    [
-        (("a", 1.25), ("a", 1.0), True),
-        (("a", 1.4), ("a", 1.0), False),
-        (("a", 1.0), ("b", 1.0), False),
-        (("a", 0.5e-12), ("a", 0.0), True),
-        (("a", 1.5e-12), ("a", 0.0), False),
-    ],
-)
-def test_candidates_of_one_place_and_nearly_one_start_are_alike(
-    first: tuple[str, float], second: tuple[str, float], alike: bool
-) -> None:
-    left, right = (candidate(where, parameter=parameter) for where, parameter in (first, second))
-    assert module._alike(left, right) is alike
-    changed = replace(right, hypothesis=replace(right.hypothesis, evidence="Another."))
-    assert not module._alike(left, changed)
-    changed = replace(right, hypothesis=replace(right.hypothesis, cause="another"))
-    assert not module._alike(left, changed)
