@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,13 +11,12 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.judging import cause, deck, limits, single
+from dem_bridge.judging import cause, deck, single
 from dem_bridge.judging.cause import Diagnosis
 from dem_bridge.judging.error import QuantityErrors
 from dem_bridge.judging.fitting import Block, Fit
 from dem_bridge.judging.foreign import Command as ForeignCommand
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
-from dem_bridge.judging.limits import Limit
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.reference import reference_at
 from dem_bridge.lmp.reader.script import Command
@@ -79,25 +77,6 @@ def test_times_in_another_unit_may_as_well_be_scaled_times() -> None:
         assert named(none, [fit("units", variant=variant)]).alternatives == ()
 
 
-@pytest.mark.parametrize(
-    ("causes", "answer"),
-    [
-        (("none", "time-shift"), "time-shift"),  # whose effect grows with the step
-        (("none", "half-step-velocity"), "half-step-velocity"),
-        (("none", "mass"), "none"),  # whose effect does not: the finest file would show it
-        (("unknown", "mass"), "unknown"),
-        (("mass", "time-shift"), "mass"),
-        (("none", "none", "none", "time-shift"), "none"),  # files beyond the third are not examined
-    ],
-)
-def test_the_finest_file_decides_but_for_causes_of_the_step(
-    monkeypatch: pytest.MonkeyPatch, causes: tuple[str, ...], answer: str
-) -> None:
-    files: list[Any] = [SimpleNamespace(dt=(k + 1) * 1e-7, name=name) for k, name in enumerate(causes)]
-    monkeypatch.setattr(cause, "_diagnose_file", lambda scene, file, floor: Diagnosis(cause=file.name, evidence=""))
-    assert cause.diagnose(PAIR, files[::-1]).cause == answer
-
-
 # ---------------------------------------------------------------- errors
 def test_the_largest_error_may_be_larger_or_smaller_by_what_explains_it() -> None:
     part = QuantityErrors(
@@ -135,67 +114,6 @@ def run_of(*lines: str, dangerous: int = 0, dt: float | None = 1e-6, units: str 
         path=Path("in.x"), commands=commands(*lines), state=state, read=None, mirrored=False, problems=()
     )
     return SimpleNamespace(deck=user, dangerous=dangerous, dt=dt, version=20250722)
-
-
-@pytest.mark.parametrize(
-    ("lines", "dangerous", "risky"),
-    [
-        (("neighbor 1e-3 bin", "neigh_modify delay 100 every 10"), 0, False),  # bodies go 0.2 mm towards each other
-        (("neighbor 1e-3 bin", "neigh_modify every 10 delay 1000"), 0, True),  # 2 mm
-        (("neighbor 1e-3 bin", "neigh_modify check yes every 1000"), 0, True),
-        (("neighbor 1e-3 bin",), 0, False),
-        (("neighbor 1e-3 bin",), 1, True),  # LAMMPS itself says so
-        (("neighbor 1e-3 bin", "neigh_modify delay 0 once yes"), 0, True),
-        (("neighbor 1e-3 bin", "neigh_modify delay 0 once no"), 0, False),
-        (("neighbor 1e-3 bin", "neigh_modify exclude type"), 0, True),
-        ((), 0, False),
-    ],
-)
-def test_neighbour_lists_that_may_miss_contacts_are_suspected(
-    lines: tuple[str, ...], dangerous: int, risky: bool
-) -> None:
-    (limit,) = limits._of_neighbours(run_of(*lines, dangerous=dangerous), 1.0)
-    assert math.isnan(limit.effect) is risky
-    assert risky or limit.effect == 0.0
-    assert f"dangerous builds: {dangerous}" in limit.found
-
-
-def test_a_skin_is_in_the_units_of_the_deck() -> None:
-    (limit,) = limits._of_neighbours(run_of("neighbor 1e-1 bin", "neigh_modify delay 1000", units="cgs"), 1.0)
-    assert math.isnan(limit.effect)
-    (limit,) = limits._of_neighbours(run_of("neighbor 1e-1 bin", "neigh_modify delay 1000"), 1.0)
-    assert limit.effect == 0.0
-
-
-@pytest.mark.parametrize(
-    ("text", "digits"),
-    [(None, 6), ("float %20.8g", 8), ("float %.17g", None), ("float %.3f", None), ("float %.12g", 12)],
-)
-def test_digits_of_a_dump_limit_it_by_half_of_the_last_one(text: str | None, digits: int | None) -> None:
-    lines = ["dump 1 all custom 10 f id vx vy vz", *([f"dump_modify 1 format {text}"] if text else [])]
-    by_name = {limit.what: limit for limit in limits._of_own_dump(run_of(*lines).deck)}
-    assert list(by_name) == ([] if digits is None else ["digits of own dump 1"])
-    if digits is not None:
-        assert by_name["digits of own dump 1"].effect == pytest.approx(0.5 * 10.0 ** (1 - digits))
-
-
-def test_limits_are_sorted_by_their_effect_and_newton_has_none() -> None:
-    (newton,) = limits._of_contacts(run_of("newton off"))
-    assert newton.effect == 0.0
-    unsorted = [newton] + [Limit(what=str(e), found="", effect=e, advice="") for e in (1e-6, math.nan, 1e-2)]
-    assert [limit.what for limit in sorted(unsorted, key=limits._place)] == ["0.01", "1e-06", "nan", "newton"]
-
-
-def test_a_deck_takes_along_what_it_names_in_its_folder_and_nothing_else(tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
-    for name in ("in.x", "data.x", "out/table", "../beside"):
-        (tmp_path / name).write_text("")
-    user: Any = SimpleNamespace(
-        path=tmp_path / "in.x",
-        commands=commands("read_data data.x", f"include {tmp_path / 'data.x'}", "include ../beside", "log none.log",
-                          "dump 1 all custom 1 out/new id", "pair_coeff * * out/table", "dump 2 a b 1 no/where id"),
-    )  # fmt: skip
-    assert deck._named_paths(user) == {"in.x", "data.x", "out/new", "out/table"}
 
 
 def test_step_and_radius_of_a_deck_are_in_its_units() -> None:
