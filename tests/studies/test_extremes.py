@@ -25,8 +25,7 @@ from dem_bridge.runs.uncertainty import fixed_step
 from dem_bridge.runs.uncertainty.family import TwinFamily
 from dem_bridge.runs.uncertainty.fixed_step import fixed_step_uncertainty
 from dem_bridge.scene.scene import Scene, Wall
-from dem_bridge.studies.extremes.catalogue import catalogue
-from dem_bridge.studies.extremes.entry import chain, checked, expectation, kinds
+from dem_bridge.studies.extremes.catalogue import catalogue, chain, checked, expectation, kinds
 from dem_bridge.studies.extremes.judge import Expected, Finding, Standard, Word, judge, outcome
 from dem_bridge.studies.extremes.study import Row, _plan, _standard, answer, rows_of
 from dem_bridge.studies.extremes.truths import apart, galilei, mirrored, two_bodies

@@ -18,7 +18,7 @@ from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Study
 from dem_bridge.scene.file import load_scene
 from dem_bridge.scene.scene import Scene, Wall
-from dem_bridge.studies.order import conditioning, tolerance, touch
+from dem_bridge.studies.order import conditioning, study, touch
 from dem_bridge.studies.order import study as order_study
 from dem_bridge.trajectory.trajectory import Trajectory
 
@@ -94,18 +94,17 @@ def test_relatives_have_the_same_forces_and_another_exponent() -> None:
 
 
 def test_errors_at_tolerances_are_those_of_the_backends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tolerance, "TOLERANCES", (1e-5, 1e-9))
+    monkeypatch.setattr(study, "TOLERANCES", (1e-5, 1e-9))
     exact = db.solve(WALLED, backend="reference", uncertainty=False).velocity
     rows = {
-        (row.name, row.tolerance): row
-        for row in tolerance.tolerance_rows(WALLED, Sampling(count=WALLED.samples), exact)
+        (row.name, row.tolerance): row for row in study.tolerance_rows(WALLED, Sampling(count=WALLED.samples), exact)
     }
-    assert {name for name, _ in rows} == set(tolerance.INTEGRATORS)
+    assert {name for name, _ in rows} == set(study.INTEGRATORS)
     for name, backend, atol in (("located", "scipy", None), ("ode45", "ode45", 1e-12)):
         run = db.solve(WALLED, backend=backend, rtol=1e-9, atol=atol, uncertainty=False)
         error = np.max(np.abs(run.velocity - exact)) / np.max(np.abs(exact))
         assert (rows[name, 1e-9].error, rows[name, 1e-9].evaluations) == (error, run.cost.force_evaluations)
-    for name in tolerance.INTEGRATORS:
+    for name in study.INTEGRATORS:
         # a global error is some hundred local ones at most on so short a run
         assert rows[name, 1e-9].error < 1e-6 < 1e3 * rows[name, 1e-5].error
         assert rows[name, 1e-9].evaluations > rows[name, 1e-5].evaluations
@@ -145,7 +144,7 @@ def test_a_wrong_derivative_of_a_trace_is_noticed(monkeypatch: pytest.MonkeyPatc
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {"PHASES": np.arange(2) / 2.0, "CHAIN_STEPS": 9, "RELATIVE_STEPS": 7}.items():
         monkeypatch.setattr(touch, name, value)
-    monkeypatch.setattr(tolerance, "TOLERANCES", (1e-6, order_study.STATED))
+    monkeypatch.setattr(study, "TOLERANCES", (1e-6, order_study.STATED))
 
 
 def test_the_study_answers_and_says_where_scaling_laws_end(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,6 +174,6 @@ def test_scenes_without_an_answer_are_refused(scene: Scene, message: str) -> Non
 
 def test_the_series_at_its_default_accuracy_is_the_reference() -> None:
     scene = load_scene("dimer-1-1")
-    velocity, _ = tolerance._taylor(scene, Sampling(count=10), 1e-16)
+    velocity, _ = study._taylor(scene, Sampling(count=10), 1e-16)
     run = db.solve(scene, backend="reference", samples=10, uncertainty=False)
     np.testing.assert_array_equal(velocity, run.velocity)

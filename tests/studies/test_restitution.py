@@ -15,10 +15,17 @@ from dem_bridge.physics.impact import alpha_of_restitution, restitution_obtained
 from dem_bridge.report.study import Study
 from dem_bridge.runs import campaign
 from dem_bridge.scene.scene import Scene
-from dem_bridge.studies.restitution import study as module
-from dem_bridge.studies.restitution.bounces import bounce_cases, bounces_of
-from dem_bridge.studies.restitution.impacts import LAWS, USUAL, VARIED, usual_impact, varied_impacts
-from dem_bridge.studies.restitution.study import study_restitution
+from dem_bridge.studies import restitution as module
+from dem_bridge.studies.restitution import study_restitution
+from dem_bridge.studies.restitution_impacts import (
+    LAWS,
+    USUAL,
+    VARIED,
+    bounce_cases,
+    bounces_of,
+    usual_impact,
+    varied_impacts,
+)
 
 
 def rows(study: Study, table: str = "impacts") -> list[dict[str, Any]]:

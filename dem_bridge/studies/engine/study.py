@@ -24,9 +24,18 @@ from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import EFFECTS, FigureData, Series, Study
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress
-from dem_bridge.studies.engine.causes import AND, NOT_A_NUMBER, TOLERANCE, causes_of
 from dem_bridge.studies.engine.impacts import DAMPINGS, WRITTEN, Impact, Steps, catalogue
-from dem_bridge.studies.engine.motion import Exact, Motion, closed_form, exact, twins
+from dem_bridge.studies.engine.motion import (
+    AND,
+    NOT_A_NUMBER,
+    TOLERANCE,
+    Exact,
+    Motion,
+    causes_of,
+    closed_form,
+    exact,
+    twins,
+)
 from dem_bridge.studies.engine.runs import EngineRun, run_impacts
 
 TEXTS = Texts("engine", "dem_bridge.studies")

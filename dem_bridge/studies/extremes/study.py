@@ -21,8 +21,7 @@ from dem_bridge.runs.campaign import Jobs, Progress, Result, run_case, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Scene
-from dem_bridge.studies.extremes.catalogue import catalogue
-from dem_bridge.studies.extremes.entry import Entry, expectation, kinds
+from dem_bridge.studies.extremes.catalogue import Entry, catalogue, expectation, kinds
 from dem_bridge.studies.extremes.judge import Expected, Finding, Standard, Word, judge, outcome
 from dem_bridge.studies.extremes.truths import Truth, witness
 

@@ -4,7 +4,7 @@
 act on all values at once, so the values are also compared jointly: by ``E^T V^-1 E`` with the covariance ``V`` of all
 errors, whose distribution is chi-square if the model is right. ``E`` and ``V`` are those of the linear model that
 touches the simulation at the parameters that agree best with the measurement
-(:mod:`dem_bridge.studies.measurement.adjust`). No number of samples enters.
+(:mod:`dem_bridge.studies.measurement.prediction`). No number of samples enters.
 
 References
 ----------
@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from dem_bridge.runs.campaign import Progress
-from dem_bridge.studies.measurement.adjust import adjust
 from dem_bridge.studies.measurement.parameters import Parameter
-from dem_bridge.studies.measurement.prediction import Prediction
+from dem_bridge.studies.measurement.prediction import Prediction, adjust
 from dem_bridge.studies.measurement.readings import Reading
 from dem_bridge.trajectory.trajectory import Floats
 

@@ -15,10 +15,9 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, norm
 
 from dem_bridge.errors import UsageError
-from dem_bridge.studies.measurement.adjust import adjust, derivatives
 from dem_bridge.studies.measurement.comparison import Joint, Whitening
 from dem_bridge.studies.measurement.parameters import Parameter
-from dem_bridge.studies.measurement.prediction import Prediction
+from dem_bridge.studies.measurement.prediction import Prediction, adjust, derivatives
 from dem_bridge.trajectory.trajectory import Floats
 
 #: confidence level of the intervals

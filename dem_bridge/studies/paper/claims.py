@@ -3,12 +3,16 @@
 The outcome of a claim follows from the values by the reference and by LAMMPS, each with its uncertainty; the values by
 theories and ode45 are listed beside them. A claim that fails is a finding about the paper, not a failed check of a
 code. The texts of all claims are in ``claims.toml``.
+
+An outcome that hangs on a limit of ours says little where another limit, within reason, gives the other outcome. The
+criterion of a claim is therefore also a quantity with its limit, read in our window and in others: the limit at which
+the outcome changes is the value of the quantity in our window, and the margin of the claim.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -16,9 +20,9 @@ from typing import Any
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Claim, ClaimValue, Margin
 from dem_bridge.report.texts import fill
+from dem_bridge.studies.paper import CLAIMS
 from dem_bridge.studies.paper.measures import Measure, inside, measured
 from dem_bridge.studies.paper.runs import Runs
-from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.verification.roles import REFERENCE
 
 #: backends whose values decide the outcome, as far as they have run
@@ -86,7 +90,7 @@ def claim(
     Parameters
     ----------
     id : str
-        Key of :data:`~dem_bridge.studies.paper.texts.CLAIMS`.
+        Key of :data:`~dem_bridge.studies.paper.CLAIMS`.
     outcome : Outcome
         With NOT_RUN, the sentence says that runs are missing.
     values : ClaimValue or iterables of them
@@ -160,3 +164,85 @@ def sentence_numbers(values: Sequence[ClaimValue]) -> dict[str, float]:
     value, others = by(values).value, {name: by(values, name).value for name in BESIDE}
     excess = others["bca"] / value - 1.0 if value else math.nan
     return {"value": value, **others, "excess": excess, "less_adiabatic": value - others["adiabatic"]}
+
+
+#: another limit is within reason if it is at most this factor from ours
+WITHIN_REASON, WITHIN_A_QUARTER = 1.25, "a limit changed by a factor of up to 1.25"
+Read = Callable[[Runs], float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Criterion:
+    """Define a criterion as a quantity with a limit, and the quantity in each window, ours first."""
+
+    quantity: str
+    limit: float
+    readings: Mapping[str, Read]
+    least: bool = False
+    """True where the claim holds if the quantity is at least the limit; False: at most."""
+    form: str = ".3g %"
+    reason: tuple[float, float] = (1.0 / WITHIN_REASON, WITHIN_REASON)
+    """Factors on our limit within which another one is reasonable."""
+
+    def holds(self, value: float, factor: float = 1.0) -> bool:
+        """Return whether the claim holds for a value of the quantity, at a limit ``factor`` times ours."""
+        limit = factor * self.limit
+        return value >= limit if self.least else value <= limit
+
+    def margin(self, runs: Runs) -> Margin:
+        """Return the margin with its sentence."""
+        (window, value), *windows = [(name, read(runs)) for name, read in self.readings.items()]
+        known = [(name, other) for name, other in windows if math.isfinite(other)]
+        outcome = self.holds(value)
+        by_limit = any(self.holds(value, factor) != outcome for factor in self.reason)
+        by_window = [name for name, other in known if self.holds(other) != outcome]
+        side = "up to" if outcome == self.least else "from"
+        sentence = (
+            f"{self.quantity}: the outcome stays for limits {side} {self._text(value)} (ours: {self._text(self.limit)})"
+        )
+        if known:
+            sentence += "; " + ", ".join(f"{name}: {self._text(other)}" for name, other in known)
+        changes = [*([WITHIN_A_QUARTER] if by_limit else []), *by_window]
+        return Margin(
+            sentence=f"{sentence}.",
+            changes="; ".join(changes),
+            quantity=self.quantity,
+            limit=self.limit,
+            changes_at=value,
+            window=window,
+            windows=tuple(known),
+        )
+
+    def _text(self, value: float) -> str:
+        return fill(f"{{value:{self.form}}}", value=value)
+
+
+def with_margins(claims: Iterable[Claim], runs: Runs, criteria: Mapping[str, Criterion]) -> Iterator[Claim]:
+    """Yield the claims with their margins; a claim whose runs are missing has none.
+
+    ``criteria`` by the id of their claim. Printed numbers have that of their last digit, and claims without a number
+    that could be limited have a sentence among their texts.
+    """
+    for claim in claims:
+        criterion = criteria.get(claim.id) or _of_print(claim)
+        if claim.outcome is Outcome.NOT_RUN or criterion is None:
+            yield claim
+        else:
+            margin = criterion.margin(runs)
+            changes = "; ".join(filter(None, [margin.changes, CLAIMS[claim.id].get("changes", "")]))
+            yield replace(claim, margin=replace(margin, changes=changes))
+
+
+def _of_print(claim: Claim) -> Criterion | None:
+    """Return the criterion of a printed number: a formula's value is within half of its last digit; else None."""
+    if not CLAIMS[claim.id].get("printed", {}).get("last_digit"):
+        return None
+    paper, formula = by(claim.values, "paper"), by(claim.values, "formula")
+    off = abs(formula.value - paper.value) / (2.0 * paper.uncertainty)
+    return Criterion(
+        quantity="difference in units of the last printed digit",
+        limit=0.5,
+        readings={"": lambda runs: off},
+        form=".2g",
+        reason=(1.0, 1.0),  # how a number is rounded is no choice
+    )

@@ -15,6 +15,7 @@ from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.exact import solitary_wave, two_body_collision
 from dem_bridge.report.study import Claim, ClaimValue
 from dem_bridge.scene.scene import Scene
+from dem_bridge.studies.paper import CLAIMS
 from dem_bridge.studies.paper.claims import (
     DECIDE,
     by,
@@ -30,7 +31,6 @@ from dem_bridge.studies.paper.claims_pulses import WELL
 from dem_bridge.studies.paper.claims_wave import SPEED_RATIO
 from dem_bridge.studies.paper.measures import THEORIES, Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, COARSE, DECELERATING, GRADIENTS, JUDGES, LONG, Runs
-from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.roles import REFERENCE, assign_roles
 

@@ -17,12 +17,12 @@ from dem_bridge.report.study import Claim, ClaimValue
 from dem_bridge.scene.geometry import Elastic
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.model_hierarchy.model_terms import GRAVITY, quartz_sphere
+from dem_bridge.studies.paper import CLAIMS
 from dem_bridge.studies.paper.claims import Limits, claim, exact, printed, together
 from dem_bridge.studies.paper.effects import relative_changes
 from dem_bridge.studies.paper.measures import Measure, at_body, inside
 from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs
 from dem_bridge.studies.paper.runs import WEIGHED as WEIGHED_RUNS
-from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.studies.paper.validity import JUDGED, LEAST, contact_validity
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.roles import REFERENCE

@@ -1,4 +1,8 @@
-"""Claims on what a front keeps (energy, width), on what follows it (further pulses), and on the causes."""
+"""Claims on what a front keeps (energy, width), on what follows it (further pulses), on its spectra, and on the causes.
+
+Those of section 4b and figure 4 refer to the chains of 200 cylinders, struck by a body like a cylinder through a
+contact like the first.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +10,11 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
 from dem_bridge.observables.pulse import front_window, pulse_shapes, pulse_width_by_force, secondary_fronts
 from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.observables.spectrum import cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.physics.exact import solitary_wave
 from dem_bridge.report.study import Claim, ClaimValue
 from dem_bridge.scene.scene import Scene
@@ -189,3 +196,77 @@ def _small_mismatch(runs: Runs) -> Claim:
 def _words(values: Sequence[Sequence[ClaimValue]]) -> str:
     """Return the deciding values as text."""
     return ", ".join(f"{by(value).value:.0f}" for value in values)
+
+
+#: ratio of the centroid at the end to that at the start from which on the shift counts as a cascade
+CASCADES = 1.2
+
+
+def spectra(runs: Runs) -> Iterator[Claim]:
+    """Yield the claims on spectra, width and energy in the order of the paper."""
+    yield SINGLE.judge(runs)
+    yield _frequencies_fall(runs)
+    yield _frequencies_rise(runs)
+    yield WAVENUMBERS.judge(runs)
+    yield SPECTRAL_WIDTH.judge(runs, change=1.0 - KEPT)
+    yield KINETIC.judge(runs)
+    yield from tapered(runs)
+
+
+def growth_of_width(scene: Scene, run: Trajectory, *, share: float = 0.1) -> float:
+    """Return the width of the frequency spectrum over the last share of the way, over that over the first."""
+    width = frequency_spectrum(scene, run).width
+    count = max(int(share * len(width)), 1)
+    return float(np.exp(np.mean(np.log(width[-count:])) - np.mean(np.log(width[:count]))))
+
+
+def width_kept(scene: Scene, run: Trajectory, *, tenths: tuple[int, int] = (2, 9)) -> float:
+    """Return the width of the front in one tenth of the chain, counted from 1, over that in an earlier one."""
+    width, links = pulse_width_by_force(scene, run).width, scene.n_body - 1
+    early, late = (
+        float(np.nanmean(width[round(0.1 * (tenth - 1) * links) : round(0.1 * tenth * links)])) for tenth in tenths
+    )
+    return late / early
+
+
+CENTROID = Measure(
+    name="frequency centroid, end over start",
+    of=lambda scene, run: cascade(frequency_spectrum(scene, run)).ratio,
+    made_of=("velocity",),
+)
+FREQUENCIES = Limits(id="frequencies-cascade", measure=CENTROID, chains=LONG[:1], high=1.0 / CASCADES)
+WAVENUMBERS = Limits(
+    id="wavenumbers-do-not",
+    measure=Measure(
+        name="wavenumber centroid, end over start",
+        of=lambda scene, run: cascade(wavenumber_spectrum(scene, run)).ratio,
+        made_of=("velocity",),
+    ),
+    chains=LONG,
+    low=1.0 / CASCADES,
+    high=CASCADES,
+)
+SPECTRAL_WIDTH = Limits(
+    id="width-kept",
+    measure=Measure(name="width of the pulse, end over start", of=width_kept, made_of=("velocity",)),
+    chains=LONG,
+    low=KEPT,
+    high=1.0 / KEPT,
+)
+
+
+def _frequencies_fall(runs: Runs) -> Claim:
+    truth, parseval = runs.truth(LONG[0]), ""
+    if truth is not None:
+        parseval = f" (Parseval's sum to {frequency_spectrum(runs.scenes[LONG[0]], truth).parseval:.0e})"
+    return FREQUENCIES.judge(runs, parseval=parseval, cascades=CASCADES)
+
+
+def _frequencies_rise(runs: Runs) -> Claim:
+    of_width = Measure(name="width of the spectrum, end over start", of=growth_of_width, made_of=("velocity",))
+    width, centroid = (heard(runs, LONG[1], measure) for measure in (of_width, CENTROID))
+    outcome = decided(width, low=CASCADES)
+    factors = [by(values).value for values in (width, centroid)]
+    return claim(
+        "frequencies-spread", outcome, width, centroid, width=factors[0], centroid=factors[1], cascades=CASCADES
+    )

@@ -19,8 +19,8 @@ from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.spectrum import Spectrum, cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.physics.exact import solitary_wave
 from dem_bridge.scene.scene import Scene
-from dem_bridge.studies.paper import claims_force, claims_numbers, claims_pulses, claims_spectrum, claims_wave
-from dem_bridge.studies.paper.margins import Criterion, Read
+from dem_bridge.studies.paper import claims_force, claims_numbers, claims_pulses, claims_wave
+from dem_bridge.studies.paper.claims import Criterion, Read
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, GRADIENTS, LONG, MAIN, MISMATCHED, TAPERS, Runs
 from dem_bridge.studies.paper.validity import contact_validity
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
@@ -204,11 +204,11 @@ def _shift(spectrum: Callable[[Scene, Trajectory], Spectrum], place: int, runs: 
 
 
 def _spectral_growth(share: float, runs: Runs, name: str) -> float:
-    return claims_spectrum.growth_of_width(*_truth(runs, name), share=share) - 1.0
+    return claims_pulses.growth_of_width(*_truth(runs, name), share=share) - 1.0
 
 
 def _width_change(first: int, last: int, runs: Runs, name: str) -> float:
-    return _loss(claims_spectrum.width_kept(*_truth(runs, name), tenths=(first, last)))
+    return _loss(claims_pulses.width_kept(*_truth(runs, name), tenths=(first, last)))
 
 
 def _extra_width(contact: int, runs: Runs, name: str) -> float:
@@ -286,7 +286,7 @@ def _centroids(chains: Sequence[str], read: Callable[[int, Runs, str], float], *
     """Return the criterion of a cascade over a tenth of the way, and over a twentieth and a fifth."""
     places = {"": 0, "over other shares of the way at least": 1, "at most": 2}
     readings = {name: _over(chains, partial(read, place)) for name, place in places.items()}
-    limit = claims_spectrum.CASCADES - 1.0
+    limit = claims_pulses.CASCADES - 1.0
     return Criterion(quantity="Shift of the centroid", limit=limit, readings=readings, least=least)
 
 
@@ -351,7 +351,7 @@ CRITERIA: Mapping[str, Criterion] = {
     "frequencies-cascade": _centroids(LONG[:1], partial(_shift, frequency_spectrum), least=True),
     "frequencies-spread": Criterion(
         quantity="Growth of the width",
-        limit=claims_spectrum.CASCADES - 1.0,
+        limit=claims_pulses.CASCADES - 1.0,
         readings={
             f"over {share:g} of the way": _over(LONG[1:], partial(_spectral_growth, share))
             for share in (0.1, 0.05, 0.2)

@@ -23,7 +23,7 @@ from dem_bridge.report.study import Table
 from dem_bridge.scene.file.physical import rounded
 from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.studies.model_hierarchy import model_terms
-from dem_bridge.studies.paper.texts import PAPER, TERMS
+from dem_bridge.studies.paper import PAPER, TERMS
 from dem_bridge.trajectory.trajectory import Trajectory
 
 #: overlaps at which contacts with another exponent have the same force as Hertz', m: small and large ones of the wave

@@ -12,9 +12,9 @@ from functools import partial
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.errors import UsageError
 from dem_bridge.report.study import FigureData
+from dem_bridge.studies.paper import PAPER
 from dem_bridge.studies.paper import panels as panel
 from dem_bridge.studies.paper.panels import GUIDE, ChainRuns, Ratios
-from dem_bridge.studies.paper.texts import PAPER
 
 DECELERATING, ACCELERATING = map(PAPER, ("decelerating", "accelerating"))
 GRADIENTS = (

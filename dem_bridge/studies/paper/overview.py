@@ -17,13 +17,13 @@ from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Claim, FigureData, Map, Series
 from dem_bridge.report.texts import Texts
+from dem_bridge.studies.paper import PAPER
 from dem_bridge.studies.paper.claims import by
 from dem_bridge.studies.paper.claims_pulses import striker_shares
 from dem_bridge.studies.paper.effects import AS_IS, PARAMETER, PHYSICS, SUPPOSED, Effect
+from dem_bridge.studies.paper.measures import deviation, profiled
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, MAIN, OTHER_ACCURACY, Runs
 from dem_bridge.studies.paper.summary import counted, failures
-from dem_bridge.studies.paper.texts import PAPER
-from dem_bridge.studies.paper.theories import deviation, profiled
 from dem_bridge.studies.paper.validity import ContactValidity, contacts_of
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import SCIPY

@@ -24,10 +24,11 @@ from dem_bridge.studies import rule_of_thumb, scatter
 from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, ModelHierarchy, left_out, model_hierarchy_of
 from dem_bridge.studies.model_hierarchy.passage import JUDGED
 from dem_bridge.studies.model_hierarchy.study import question_table
-from dem_bridge.studies.paper import figures, overview
+from dem_bridge.studies.paper import PAPER, figures, overview
+from dem_bridge.studies.paper.claims import with_margins
 from dem_bridge.studies.paper.claims_force import forces, ratios
 from dem_bridge.studies.paper.claims_numbers import NEGLIGIBLE, numbers
-from dem_bridge.studies.paper.claims_spectrum import spectra
+from dem_bridge.studies.paper.claims_pulses import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.criteria import CRITERIA
 from dem_bridge.studies.paper.effects import (
@@ -38,8 +39,7 @@ from dem_bridge.studies.paper.effects import (
     effect,
     reference_uncertainty,
 )
-from dem_bridge.studies.paper.margins import with_margins
-from dem_bridge.studies.paper.pulses import fits_table, pulses_table
+from dem_bridge.studies.paper.measures import fits_table, pulses_table, split_table, theories_table
 from dem_bridge.studies.paper.runs import (
     ACCELERATING,
     DECELERATING,
@@ -55,8 +55,6 @@ from dem_bridge.studies.paper.runs import (
     variants,
 )
 from dem_bridge.studies.paper.summary import NOT_VERIFIED, answer
-from dem_bridge.studies.paper.texts import PAPER
-from dem_bridge.studies.paper.theories import split_table, theories_table
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.verification.assess import SceneStudy

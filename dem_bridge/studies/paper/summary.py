@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Claim
 from dem_bridge.report.texts import fill
+from dem_bridge.studies.paper import PAPER, percent
 from dem_bridge.studies.paper.claims import by
 from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, THEORY, Effect
 from dem_bridge.studies.paper.runs import MAIN
-from dem_bridge.studies.paper.texts import PAPER, percent
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY
 

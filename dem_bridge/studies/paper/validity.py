@@ -24,8 +24,8 @@ from dem_bridge.report.study import Table
 from dem_bridge.scene.geometry import Geometry
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.model_hierarchy.model_terms import GRAVITY
+from dem_bridge.studies.paper import PAPER
 from dem_bridge.studies.paper.runs import Runs
-from dem_bridge.studies.paper.texts import PAPER
 from dem_bridge.trajectory.trajectory import Trajectory
 
 COLUMNS = tuple(PAPER.data["tables"]["contacts"]["columns"])

@@ -23,8 +23,7 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.work_precision import runs
 from dem_bridge.studies.work_precision.curves import STYLES, TEXTS, WHOLE, curves
-from dem_bridge.studies.work_precision.figures import ID, figures
-from dem_bridge.studies.work_precision.files import as_csv, as_netcdf
+from dem_bridge.studies.work_precision.figures import ID, as_csv, as_netcdf, figures
 from dem_bridge.studies.work_precision.runs import REFERENCE, Measured, Point
 
 TARGETS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)

@@ -13,7 +13,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, backend
 from dem_bridge.scene.scene import Scene, Wall
-from dem_bridge.studies.energy.walk import BOX, STIFFNESS, long_run
+from dem_bridge.studies.energy_walk import BOX, STIFFNESS, long_run
 
 #: gaps in m, starts with each, and contacts after which a run is given up
 GAPS, STARTS, MOST = (2e-5, 5e-5, 2e-4), 3, 6000

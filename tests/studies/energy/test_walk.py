@@ -12,9 +12,9 @@ from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.scene.scene import Damping, Scene
-from dem_bridge.studies.energy import walk as walks
-from dem_bridge.studies.energy.study import ALLOWED, CONTACT, STEP, study_energy, within_contact
-from dem_bridge.studies.energy.walk import BEAD, BOX, Walk, long_run
+from dem_bridge.studies import energy_walk as walks
+from dem_bridge.studies.energy import ALLOWED, CONTACT, STEP, study_energy, within_contact
+from dem_bridge.studies.energy_walk import BEAD, BOX, Walk, long_run
 from dem_bridge.trajectory.trajectory import Trajectory
 
 
@@ -93,7 +93,7 @@ def test_a_run_whose_energy_doubles_ends_there() -> None:
 
 
 def test_a_fault_in_the_runs_is_a_failed_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = "dem_bridge.studies.energy.study.backend"
+    module = "dem_bridge.studies.energy.backend"
     monkeypatch.setattr(module, lambda name: Faulty(longer=2) if name == "verlet" else backend(name))
     study = study_energy(contacts=1000)
     outcomes = {verdict.backend: verdict.outcome for verdict in study.verdicts}

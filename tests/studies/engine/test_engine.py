@@ -16,9 +16,8 @@ from dem_bridge.lmp.process import probe
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.adhesion import jkr_impact
 from dem_bridge.studies.engine import runs, study
-from dem_bridge.studies.engine.causes import NOT_A_NUMBER, TOLERANCE, UNKNOWN
 from dem_bridge.studies.engine.impacts import HERTZ, Impact, Steps, catalogue, deck_of
-from dem_bridge.studies.engine.motion import closed_form, exact, twins
+from dem_bridge.studies.engine.motion import NOT_A_NUMBER, TOLERANCE, UNKNOWN, closed_form, exact, twins
 from dem_bridge.studies.engine.study import ABSENT, RIGHT, UNDEFINED, WRONG, Row, rows_of, study_engine, study_of
 
 PINNED = 20250722

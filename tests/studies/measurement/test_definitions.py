@@ -17,11 +17,10 @@ import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.scene.geometry import Body, Geometry, Material
 from dem_bridge.scene.scene import Scene, Wall
-from dem_bridge.studies.measurement.adjust import Adjusted, adjust, derivatives
 from dem_bridge.studies.measurement.comparison import compare
 from dem_bridge.studies.measurement.fit import chosen, fit_parameters
 from dem_bridge.studies.measurement.parameters import Parameter, changed, parameters_of
-from dem_bridge.studies.measurement.prediction import Prediction
+from dem_bridge.studies.measurement.prediction import Adjusted, Prediction, adjust, derivatives
 from dem_bridge.studies.measurement.readings import QUANTITIES, Reading, read_measurement
 from dem_bridge.studies.measurement.scalars import Scalar, joint_of, scalars_of
 from dem_bridge.trajectory.trajectory import UNKNOWN, Floats, Trajectory

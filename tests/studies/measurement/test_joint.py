@@ -12,10 +12,9 @@ from scipy.stats import binom, chi2
 import dem_bridge as db
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.scene.file import parse_scene
-from dem_bridge.studies.measurement.adjust import adjust
 from dem_bridge.studies.measurement.comparison import Comparison, Whitening, compare, deviations_of
 from dem_bridge.studies.measurement.parameters import Parameter, parameters_of
-from dem_bridge.studies.measurement.prediction import Prediction
+from dem_bridge.studies.measurement.prediction import Prediction, adjust
 from dem_bridge.studies.measurement.readings import Reading
 from dem_bridge.studies.measurement.study import _outcome
 from dem_bridge.trajectory.trajectory import Floats

@@ -24,7 +24,7 @@ from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.study import Study
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Damping, Scene, Wall
-from dem_bridge.studies.model_hierarchy import choices as hierarchy_choices
+from dem_bridge.studies.model_hierarchy import study as hierarchy_choices
 from dem_bridge.studies.model_hierarchy.model_terms import ModelTerm
 from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, judged, least, left_out, model_hierarchy_of
 from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effect, Effects, Readings

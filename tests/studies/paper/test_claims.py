@@ -19,16 +19,14 @@ from dem_bridge.observables.interpolate import acceleration
 from dem_bridge.observables.pulse import front_window, leading_pulse, pulse_shapes, secondary_fronts
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Claim, ClaimValue
-from dem_bridge.studies.paper import claims_numbers
+from dem_bridge.studies.paper import CLAIMS, claims_numbers
 from dem_bridge.studies.paper.claims import by, claim, decided, printed, together
 from dem_bridge.studies.paper.claims_force import forces, ratios
 from dem_bridge.studies.paper.claims_numbers import numbers
-from dem_bridge.studies.paper.claims_pulses import BODY_KEPT
+from dem_bridge.studies.paper.claims_pulses import BODY_KEPT, spectra
 from dem_bridge.studies.paper.claims_pulses import WIDTH as TAPERED_WIDTH
-from dem_bridge.studies.paper.claims_spectrum import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, GRADIENTS, LONG, MAIN, Runs
-from dem_bridge.studies.paper.texts import CLAIMS
 from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.verification import Verification

@@ -15,7 +15,7 @@ import pytest
 from dem_bridge.report.study import Claim
 from dem_bridge.studies.paper.claims_force import forces
 from dem_bridge.studies.paper.claims_numbers import numbers
-from dem_bridge.studies.paper.claims_spectrum import spectra
+from dem_bridge.studies.paper.claims_pulses import spectra
 from dem_bridge.studies.paper.claims_wave import waves
 from dem_bridge.studies.paper.criteria import CRITERIA
 from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs

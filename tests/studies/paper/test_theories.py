@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dem_bridge.studies.paper.measures import FIRST, LAST, PROFILES, deviation, profile, theories_table
 from dem_bridge.studies.paper.runs import MAIN, Runs
-from dem_bridge.studies.paper.theories import FIRST, LAST, PROFILES, deviation, profile, theories_table
 from tests.studies.paper.conftest import planted, truth_of, without
 
 PARTS = ("arrival", "residence time", "peak velocity", "peak force")

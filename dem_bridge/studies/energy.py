@@ -19,7 +19,7 @@ from dem_bridge.report.study import FigureData, Series, Study, check_setting
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, map_in_threads
 from dem_bridge.scene.scene import Scene
-from dem_bridge.studies.energy.walk import (
+from dem_bridge.studies.energy_walk import (
     BEAD,
     BOX,
     METHODS,

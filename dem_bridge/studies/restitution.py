@@ -24,14 +24,16 @@ from dem_bridge.runs.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import BY_RESTITUTION
-from dem_bridge.studies.restitution.bounces import Bounce, bounce_cases, bounces_of
-from dem_bridge.studies.restitution.impacts import (
+from dem_bridge.studies.restitution_impacts import (
     CONTACTS,
     LAWS,
     VARIED,
     WRITTEN,
+    Bounce,
     Impact,
     Parameter,
+    bounce_cases,
+    bounces_of,
     curve_of,
     usual_impact,
     varied_impacts,

@@ -1,1 +1,0 @@
-"""Study of the energy error over many contacts, beside its prediction by backward error analysis."""
