@@ -26,8 +26,8 @@ GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
         "ensembles": ("ensembles",), "exports": ("formats/tables", "formats/writers.py", "scene/file/scene_csv.py"),
         "planning": ("runs/planning",), "campaign": ("runs/campaign",), "measurement": ("studies/measurement",),
         "figures": (
-            "plot.py", "report/drawing.py", "report/figure_csv.py", "verification/figures.py", "verification/motion.py",
-            "report/scales.py",
+            "plot.py", "report/drawing.py", "report/page.py", "verification/figures.py", "verification/motion.py",
+            "report/drawing_styles.py",
         ),
         "keys": ("runs/cache.py", "runs/case.py", "runs/keys.py"),
     },

@@ -3,15 +3,14 @@
 from dem_bridge import errors as errors
 from dem_bridge import plot as plot
 from dem_bridge import testing as testing
-from dem_bridge.api.ensembles import ensemble as ensemble
 from dem_bridge.api.judge import judge as judge
-from dem_bridge.api.regress import regress as regress
 from dem_bridge.api.runs import available as available
 from dem_bridge.api.runs import plan as plan
 from dem_bridge.api.runs import solve as solve
 from dem_bridge.api.runs import write_deck as write_deck
 from dem_bridge.api.scenes import scene_from_csv as scene_from_csv
 from dem_bridge.api.scenes import scene_from_deck as scene_from_deck
+from dem_bridge.api.studies import ensemble as ensemble
 from dem_bridge.api.studies import minimal as minimal
 from dem_bridge.api.studies import study as study
 from dem_bridge.api.tables import export as export
@@ -19,6 +18,7 @@ from dem_bridge.api.tables import table_of as table_of
 from dem_bridge.api.trajectories import compare as compare
 from dem_bridge.api.trajectories import read_trajectory as read_trajectory
 from dem_bridge.api.trajectories import write_trajectory as write_trajectory
+from dem_bridge.api.verification import regress as regress
 from dem_bridge.api.verification import verify as verify
 from dem_bridge.backends.base import Resolution as Resolution
 from dem_bridge.backends.base import Sampling as Sampling

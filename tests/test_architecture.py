@@ -196,15 +196,12 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
         (
             "click",
             {
-                "cli.convert",
                 "cli.demo",
-                "cli.export",
+                "cli.files",
                 "cli.group",
-                "cli.imports",
-                "cli.judge",
-                "cli.new",
                 "cli.options",
                 "cli.regress",
+                "cli.scene_files",
                 "cli.store",
                 "cli.studies",
             },

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 import dem_bridge as db
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.front import arrival, residence_time, residence_time_uncertainty
-from dem_bridge.report.strokes import STYLES, style_of
+from dem_bridge.report.drawing_styles import STYLES, style_of
 from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget

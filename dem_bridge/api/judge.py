@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeGuard, cast
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers.source import File, with_step
+from dem_bridge.formats.readers.read import File, with_step
 from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene.file import scene_of

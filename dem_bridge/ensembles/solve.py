@@ -12,8 +12,7 @@ from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.ensembles.draw import Chains
-from dem_bridge.ensembles.lanes import LANES, march
-from dem_bridge.ensembles.touch import jacobi_rules
+from dem_bridge.ensembles.lanes import LANES, jacobi_rules, march
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.physics.statics import static_forces
 from dem_bridge.scene import features

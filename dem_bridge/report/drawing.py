@@ -1,6 +1,6 @@
 """Draw figures (FigureData) by matplotlib.
 
-The styles of lines and markers are those of :mod:`.strokes`. Maps have the colours of cividis, which colour-blind
+Styles of lines and markers are those of :mod:`.drawing_styles`. Maps have the colours of cividis, which colour-blind
 readers can distinguish and whose lightness increases evenly, so that maps can be printed in grey. Every figure has the
 width of a printed sheet, so that text has its size on paper: 8 points or more.
 """
@@ -18,8 +18,15 @@ from matplotlib.axes import Axes as Axes
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from dem_bridge.report.scales import colour_limits, groups_of_scale, scale_together, set_scales
-from dem_bridge.report.strokes import BARS, style_of, style_on_map
+from dem_bridge.report.drawing_styles import (
+    BARS,
+    colour_limits,
+    groups_of_scale,
+    scale_together,
+    set_scales,
+    style_of,
+    style_on_map,
+)
 from dem_bridge.report.study import FigureData, Map, Panel, Series
 
 #: colour map with even lightness; also for values of both signs, because two-sided colour maps are ambiguous in grey

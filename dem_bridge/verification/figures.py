@@ -18,8 +18,7 @@ from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.backends.steps import order_on
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.report.drawing import SHEET, WIDTH, draw_figure
-from dem_bridge.report.scales import power_of_ten
-from dem_bridge.report.strokes import BLACK, BLUE, GREEN, STYLES, VERMILION
+from dem_bridge.report.drawing_styles import BLACK, BLUE, GREEN, STYLES, VERMILION, power_of_ten
 from dem_bridge.report.study import FigureData, Map, Panel, Series
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory

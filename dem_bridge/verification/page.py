@@ -11,8 +11,8 @@ from markupsafe import Markup
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.foundation.notebook import scene_sketch
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.report.cells import KINDS, valued
 from dem_bridge.report.page import study_files
+from dem_bridge.report.pages import KINDS, valued
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
 from dem_bridge.verification import crate

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 import dem_bridge as db
-from dem_bridge.api import regress as regress_api
-from dem_bridge.cli import imports, regress, terminal
+from dem_bridge.api import verification as regress_api
+from dem_bridge.cli import regress, scene_files, terminal
 from dem_bridge.errors import UsageError
 from dem_bridge.report.study import Study, Table
 from dem_bridge.runs.campaign import run_cases
@@ -119,9 +119,9 @@ def test_a_long_table_is_named_and_an_interruption_is_said(
 
 def test_the_summary_of_a_scene_names_its_damping_and_no_contacts_of_a_body() -> None:
     alone = Scene(name="alone", duration=1e-4, mass=(1.0,), stiffness=(), velocity=(1.0,), samples=4)
-    names = [name for name, _ in imports._summary(alone)]
+    names = [name for name, _ in scene_files._summary(alone)]
     assert names == ["scene", "masses", "start", "duration"]
-    damped = dict(imports._summary(replace(PAIR, damping=Damping(law="dashpot", coefficient=1.0))))
+    damped = dict(scene_files._summary(replace(PAIR, damping=Damping(law="dashpot", coefficient=1.0))))
     assert (damped["damping"], damped["start"]) == ("dashpot", "body 0 at 0.8 m/s")
 
 

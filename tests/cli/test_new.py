@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 import dem_bridge as db
 from dem_bridge.cli import main
-from dem_bridge.cli.new import FORMS, template
+from dem_bridge.cli.scene_files import FORMS, template
 from dem_bridge.scene.file import parse_scene
 from dem_bridge.scene.file.body_forms import CylinderScene, PatternScene, SphereScene
 from dem_bridge.scene.file.forms import RawScene

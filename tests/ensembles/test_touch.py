@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.ensembles import solve
 from dem_bridge.ensembles.draw import Variation
+from dem_bridge.ensembles.lanes import jacobi_rules, touch_defect
 from dem_bridge.ensembles.solve import solve_chains
-from dem_bridge.ensembles.touch import jacobi_rules, touch_defect
 from dem_bridge.scene.scene import Scene
 
 #: bodies that meet, part and meet again: some twenty touches

@@ -24,7 +24,7 @@ from hypothesis.configuration import set_hypothesis_home_dir
 import dem_bridge as db
 from dem_bridge.api import scenes
 from dem_bridge.errors import MOST_CHARACTERS, BlockedScript, DemBridgeError
-from dem_bridge.formats.readers import source
+from dem_bridge.formats.readers import read
 from dem_bridge.foundation import isolated
 from dem_bridge.lmp.reader import script
 from dem_bridge.verification.regression import baseline
@@ -44,7 +44,7 @@ def open_guards() -> None:
     The bounds of the work for a deck and of the time for a netCDF file are lowered, because many changed decks have a
     loop that does not end, and in HDF5, too, some changed files cause one.
     """
-    modules: tuple[Any, ...] = (baseline, scenes, source)
+    modules: tuple[Any, ...] = (baseline, scenes, read)
     for module in modules:
         assert module.OF_DAMAGED_DATA
         module.OF_DAMAGED_DATA = ()

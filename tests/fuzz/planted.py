@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers.source import damage_as_usage_error
+from dem_bridge.formats.readers.read import damage_as_usage_error
 from tests.fuzz.targets import Target
 from tests.helpers import hostile
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers import source
+from dem_bridge.formats.readers import read
 from tests.fuzz import harness
 from tests.fuzz.child import outcome
 from tests.fuzz.harness import FAULTS, NAMES, fuzz
@@ -62,7 +62,7 @@ def test_a_guard_hides_an_error_from_users_and_not_from_the_fuzzing(
 ) -> None:
     target = FAULTY["raises KeyError in a guard"]
     assert outcome(target, tmp_path / "x")[0] == "refused"
-    monkeypatch.setattr(source, "OF_DAMAGED_DATA", ())
+    monkeypatch.setattr(read, "OF_DAMAGED_DATA", ())
     assert outcome(target, tmp_path / "x")[0] == "traceback"
 
 

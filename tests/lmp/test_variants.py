@@ -14,8 +14,15 @@ from hypothesis import strategies as st
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.lmp import variants
 from dem_bridge.lmp.deck import Deck, deck_of
-from dem_bridge.lmp.radii import MARGIN, encoded_radii
-from dem_bridge.lmp.variants import flat_walls, frozen_walls, hertz_history, newton_off, with_restart
+from dem_bridge.lmp.variants import (
+    MARGIN,
+    encoded_radii,
+    flat_walls,
+    frozen_walls,
+    hertz_history,
+    newton_off,
+    with_restart,
+)
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.trajectory.dense import schedule
 

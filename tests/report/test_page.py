@@ -20,11 +20,10 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.report.cells import KINDS, digits_of, number, sortable, typeset
 from dem_bridge.report.drawing import draw_figure
-from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import compress_png
-from dem_bridge.report.page import write_study
+from dem_bridge.report.page import csv_texts, write_study
+from dem_bridge.report.pages import KINDS, digits_of, number, sortable, typeset
 from dem_bridge.report.study import Claim, Study
 from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case

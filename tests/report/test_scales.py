@@ -11,9 +11,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dem_bridge.report.drawing import NOTEBOOK_WIDTH, WIDTH, draw_figure, draw_panel, new_axes
-from dem_bridge.report.figure_csv import csv_texts
-from dem_bridge.report.scales import colour_limits, groups_of_scale, power_of_ten, scale_together, set_scales
-from dem_bridge.report.strokes import STYLES
+from dem_bridge.report.drawing_styles import (
+    STYLES,
+    colour_limits,
+    groups_of_scale,
+    power_of_ten,
+    scale_together,
+    set_scales,
+)
+from dem_bridge.report.page import csv_texts
 from dem_bridge.report.study import FigureData, Map, Panel, Series
 
 NAN = float("nan")

@@ -18,7 +18,7 @@ import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.drawing import WIDTH
-from dem_bridge.report.strokes import style_of
+from dem_bridge.report.drawing_styles import style_of
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure as Canvas
 
-from dem_bridge.report import images, strokes
+from dem_bridge.report import drawing_styles, images
 from dem_bridge.report.drawing import draw_figure
-from dem_bridge.report.figure_csv import csv_texts
-from dem_bridge.report.scales import scale_together
+from dem_bridge.report.drawing_styles import scale_together
+from dem_bridge.report.page import csv_texts
 from dem_bridge.report.study import FigureData, Map, Panel, Series, Study, Table
 from dem_bridge.verification import replay
 from dem_bridge.verification.regression.compare import Change
@@ -111,4 +111,4 @@ def test_markers_of_two_styles_keep_their_own_and_those_of_one_share_it() -> Non
 
 
 def test_a_stroke_without_a_colour_has_only_its_dashes() -> None:
-    assert strokes._arguments({"linestyle": [0, [1, 2]]}) == {"linestyle": (0, (1, 2))}
+    assert drawing_styles._arguments({"linestyle": [0, [1, 2]]}) == {"linestyle": (0, (1, 2))}

@@ -27,9 +27,9 @@ from dem_bridge.cli.studies import study as group
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Outcome, Verdict
-from dem_bridge.report.cells import typeset
 from dem_bridge.report.images import alternative_text, inline
 from dem_bridge.report.page import write_study
+from dem_bridge.report.pages import typeset
 from dem_bridge.report.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.scene.file.text import scene_toml
 from dem_bridge.scene.scene import Scene

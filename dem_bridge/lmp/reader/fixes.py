@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from dem_bridge.lmp.reader import liggghts
+from dem_bridge.lmp.reader import laws
 from dem_bridge.lmp.reader.laws import PairLaw
 from dem_bridge.lmp.reader.pairs import Pairs
 from dem_bridge.lmp.reader.particles import Particles
@@ -86,7 +86,7 @@ class Fixes:
         """Evaluate a ``fix`` command."""
         command.fail_if(len(command.rest) < 3, "is incomplete", "fix ID GROUP STYLE ...")
         name, group, style = command.rest[:3]
-        if style in SILENT_FIXES or (self.liggghts and style in liggghts.SILENT_FIXES):
+        if style in SILENT_FIXES or (self.liggghts and style in laws.SILENT_FIXES):
             return
         if style == "property/global":
             self.pairs.materials.add(command)

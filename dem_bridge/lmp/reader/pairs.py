@@ -14,8 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from dem_bridge.lmp.reader.laws import PairLaw, compliance
-from dem_bridge.lmp.reader.liggghts import Materials
+from dem_bridge.lmp.reader.laws import Materials, PairLaw, compliance
 from dem_bridge.lmp.reader.script import Command, Script
 
 #: normal model -> number of its coefficients

@@ -18,7 +18,7 @@ import numpy as np
 from dem_bridge.errors import BlockedScript, SceneError
 from dem_bridge.foundation.checked import whole_number
 from dem_bridge.lmp.coefficients import BY_EFFECTIVE_MASS, DAMPINGS
-from dem_bridge.lmp.reader import liggghts
+from dem_bridge.lmp.reader import laws
 from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.fixes import Forces
 from dem_bridge.lmp.reader.line import Line, axis_of, line_of
@@ -111,7 +111,7 @@ def read_deck(
         except SceneError as error:
             blockers.append(error)
     if script.fixes.liggghts:
-        blockers.insert(0, SceneError("", problem="this is a LIGGGHTS script", allowed=liggghts.ABOUT, where=file))
+        blockers.insert(0, SceneError("", problem="this is a LIGGGHTS script", allowed=laws.ABOUT, where=file))
     raise BlockedScript(blockers)
 
 

@@ -17,7 +17,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import read_record
 from dem_bridge.formats.readers.digits import numbers, restored_times, rounding_error, rounding_of_values
 from dem_bridge.formats.readers.headings import Heading, heading_of
-from dem_bridge.formats.readers.source import with_step
+from dem_bridge.formats.readers.read import with_step
 from dem_bridge.scene.scene import Scene
 from tests.helpers.export_chains import CROSSED, PAIR
 from tests.helpers.export_runs import foreign_dump, made_up
@@ -219,10 +219,10 @@ def test_a_folder_of_tables_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_file_beyond_the_limit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dem_bridge.formats.readers.source.MOST_BYTES", 1 << 20)
+    monkeypatch.setattr("dem_bridge.formats.readers.read.MOST_BYTES", 1 << 20)
     content = b"t,v0\n" + b"0,1\n" * (1 << 18)
     (tmp_path / "run").write_bytes(content)
-    with pytest.raises(UsageError, match=r"the file cannot be read \(it has more than 1 MiB\); write it again"):
+    with pytest.raises(UsageError, match=r"the file cannot be read \(it has more than 1 MiB\); give a file of samples"):
         read_record(tmp_path / "run", PAIR)
     (tmp_path / "run").write_bytes(gzip.compress(content))
     with pytest.raises(UsageError, match="the file has more than 1 MiB; write fewer samples or use npz or netCDF"):

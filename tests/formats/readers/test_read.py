@@ -703,20 +703,20 @@ def _packed_npz(change: Callable[[bytes], bytes], save: Callable[..., None] = np
 def test_damage_is_refused_by_the_reader_itself_and_not_by_the_guard_around_it(
     content: str | bytes, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dem_bridge.formats.readers.source.OF_DAMAGED_DATA", ())
+    monkeypatch.setattr("dem_bridge.formats.readers.read.OF_DAMAGED_DATA", ())
     with pytest.raises(UsageError, match=words):
         _read(tmp_path, content)
 
 
 def test_times_that_all_are_negative_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dem_bridge.formats.readers.source.OF_DAMAGED_DATA", ())
+    monkeypatch.setattr("dem_bridge.formats.readers.read.OF_DAMAGED_DATA", ())
     rows = "".join(f"{-9e-5 + k * 1e-5:.0e},1,0,0,0\n" for k in range(5))
     time = _read(tmp_path, f"t,v0,v1,v2,v3\n{rows}").time
     assert time == pytest.approx([-9e-5, -8e-5, -7e-5, -6e-5, -5e-5], rel=1e-15)  # restored to a few rounding errors
 
 
 def test_a_time_step_of_xyz_that_is_no_number_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dem_bridge.formats.readers.source.OF_DAMAGED_DATA", ())
+    monkeypatch.setattr("dem_bridge.formats.readers.read.OF_DAMAGED_DATA", ())
     frame = "4\nProperties=species:S:1:pos:R:3:velo:R:3 Time={0} dt=1-2\n" + "".join(
         f"H {k} 0 0 {v} 0 0\n" for k, v in enumerate(CROSSED.velocity)
     )

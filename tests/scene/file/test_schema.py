@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import dem_bridge as db
-from dem_bridge.cli.new import FORMS, template
+from dem_bridge.cli.scene_files import FORMS, template
 from dem_bridge.errors import SceneError
 from dem_bridge.scene.file import parse_scene
 from dem_bridge.scene.file.schema import SCHEMA_FILE, scene_schema

@@ -14,8 +14,8 @@ import pytest
 
 from dem_bridge.errors import UsageError
 from dem_bridge.report.drawing import draw_figure
-from dem_bridge.report.figure_csv import csv_texts
 from dem_bridge.report.images import picture_of_data
+from dem_bridge.report.page import csv_texts
 from dem_bridge.report.study import FigureData, Panel, Series
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.figures import (

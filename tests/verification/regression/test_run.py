@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 import dem_bridge as db
-from dem_bridge.api.regress import engine_of, environment_of
+from dem_bridge.api.verification import engine_of, environment_of
 from dem_bridge.cli import main
 from dem_bridge.errors import BackendUnavailable, UsageError
 from dem_bridge.verification.regression.compare import Change

@@ -1,4 +1,4 @@
-"""The commands ``dem-bridge convert`` and ``dem-bridge compare`` for trajectory files."""
+"""The commands that read or write files of other programs: ``convert``, ``compare``, ``judge`` and ``export``."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import dem_bridge
-from dem_bridge.cli.options import check_new, with_options
+from dem_bridge.cli import terminal
+from dem_bridge.cli.options import check_new, check_output, print_json, with_options
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.files import check_report_folder
 
 if TYPE_CHECKING:
     from dem_bridge.observables.differences import Difference
@@ -55,7 +57,7 @@ def compare(
     A file may be given as FILE@DT, with the time step of its run in s. The output has the largest difference of each
     quantity, relative to B, and time and body of the first divergence.
     """
-    from dem_bridge.formats.readers.source import with_step
+    from dem_bridge.formats.readers.read import with_step
 
     pairs = [with_step(file) for file in (first, second)]
     runs = [_read(path, scene, settings if step is None else settings | {"dt": step}) for path, step in pairs]
@@ -112,3 +114,74 @@ def _sentence(entry: Difference) -> str:
         f"{noun} differ by at most {entry.value * entry.scale:.3g} {entry.unit}, {entry.value:.3g} of"
         f" {scale} ({entry.scale:.6g} {entry.unit}); {entry.place}{time}"
     )
+
+
+@with_options("export")
+def export(
+    scene: str,
+    table: str,
+    no_run: bool,
+    force: bool,
+    format: str | None = None,
+    output: Path | None = None,
+    **settings: Any,
+) -> None:
+    """Write a table of SCENE.
+
+    The tables have contacts, bodies, LAMMPS coefficients, results of a run, or contact angles.
+    """
+    from dem_bridge.api.tables import export_table
+    from dem_bridge.formats.tables.text import format_for
+
+    if output is not None:
+        check_output(scene, output, force)
+    chosen = format_for("csv" if format is None and output is None else format, output, table)
+    if chosen == "parquet" and output is None:
+        raise click.UsageError("parquet is a binary format and cannot be printed; name a file: -o FILE.parquet.")
+    if no_run:
+        settings["with_run"] = False
+    with terminal.fraction(f"table {table} of {scene}"):
+        data, content = export_table(scene, table=table, format=chosen, path=output, **settings)
+    if chosen in ("csv", "parquet"):  # the other formats contain the notes
+        for note in data.notes:
+            click.echo(f"dem-bridge: note: {note}", err=True)
+    if output is None:
+        click.echo(content, nl=False)
+    else:
+        click.echo(f"written: {output}")
+
+
+@with_options("judge")
+def judge(
+    files: tuple[str, ...], scene: str, as_json: bool = False, folder: Path | None = None, **settings: Any
+) -> None:
+    """Judge FILES of any code against the reference solution of their scene.
+
+    Each FILE holds samples of one run: FILE, or FILE@DT with the time step of the run in s. Several files with
+    different time steps give the order of convergence; the one with the finest step decides the outcome. A FILE that is
+    a LAMMPS input script is run as it is. With --command a code is run in place of reading files.
+
+    The exit code is 0 for PASS, 1 for FAIL, 3 for a run that failed and 4 for UNDECIDED.
+    """
+    if folder is not None:
+        check_report_folder(folder)
+    if isinstance(units := settings.get("units"), list):
+        settings["units"] = ",".join(units)
+    if not files and "command" not in settings:
+        raise UsageError("no FILE[@DT] was given; give files of a code, a LAMMPS deck, or --command")
+    if len(steps := settings.get("dt", ())) == 1 and "command" not in settings:
+        settings["dt"] = steps[0]
+    if "variables" in settings:
+        settings["variables"] = dict(settings["variables"])
+    judgement = dem_bridge.judge(list(files), scene, **settings)
+    if folder is not None:
+        judgement.save(folder)
+    if as_json:
+        print_json(judgement.as_json())
+    else:
+        for sentence in judgement.recognised:
+            click.echo(f"dem-bridge: note: {sentence}", err=True)
+        click.echo(str(judgement))
+        if folder is not None:
+            click.echo(f"{'written':13} {folder / 'index.html'}")
+    sys.exit(judgement.exit_code)
