@@ -75,6 +75,30 @@ def energy_uncertainty(scene: Scene, trajectory: Trajectory) -> Floats:
     return np.asarray(u_v * (np.abs(trajectory.velocity) @ mass) + u_x * ((np.abs(force) + c.pull_off) @ ends + steady))
 
 
+def measure_momentum(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, float]:
+    """Return the momentum, its uncertainty and its scale, the total mass times the largest velocity, kg m/s."""
+    scale = sum(scene.mass) * np.max(np.abs(trajectory.velocity), initial=0.0)
+    return momentum(scene, trajectory), momentum_uncertainty(scene, trajectory), float(scale)
+
+
+def measure_energy(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, float]:
+    """Return the energy, its uncertainty and its scale, the largest sum of the magnitudes of its parts, J."""
+    kinetic, stored, potential = parts = energy_parts(scene, trajectory)
+    scale = np.max(sum(map(np.abs, parts)), initial=0.0)
+    return kinetic + stored + potential, energy_uncertainty(scene, trajectory), float(scale)
+
+
+def measure_energy_less_work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, float]:
+    """Return the energy less the work of the drive, its uncertainty and its scale, J.
+
+    The scale is the largest sum of the energy in motion and the magnitude of the work.
+    """
+    (kinetic, stored, potential), (done, unknown) = energy_parts(scene, trajectory), work(scene, trajectory)
+    scale = np.max(kinetic + np.abs(done), initial=0.0)
+    uncertainty = energy_uncertainty(scene, trajectory) + unknown
+    return kinetic + stored + potential - done, uncertainty, float(scale)
+
+
 def work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, float]:
     """Return the work of the drive on body 0 until each sample, J, ``(n_t,)``, and its uncertainty; 0 without a drive.
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.errors import read, reduced, relative_to
-from dem_bridge.observables.registry import observable_named
+from dem_bridge.observables.errors import reduced, relative_to
+from dem_bridge.observables.registry import Reading, observable_named
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import VOCABULARY, Floats, Trajectory
 
@@ -57,6 +57,57 @@ class Difference:
         return f"{self.axis} {self.body}" if self.axis else ""
 
 
+class Readings:
+    """Observables of runs of one scene, each read once.
+
+    Parameters
+    ----------
+    scene : Scene or None
+        None: only the arrays that a trajectory stores can be read.
+    """
+
+    def __init__(self, scene: Scene | None) -> None:
+        self.scene = scene
+        # a run lives as long as its readings, so that no other run has its id
+        self._known: dict[tuple[int, str], tuple[Trajectory, Reading]] = {}
+
+    def read(self, quantity: str, run: Trajectory) -> Reading:
+        """Return an observable of a run, by the name of the observable."""
+        about = id(run), quantity
+        if about not in self._known:
+            if self.scene is None and quantity not in VOCABULARY:
+                raise UsageError(f"the observable {quantity} needs the scene of the runs; give scene=...")
+            # what a trajectory stores is read without the scene
+            reading = observable_named(quantity).read(cast(Scene, self.scene), run)
+            self._known[about] = run, reading
+        return self._known[about][1]
+
+    def difference(self, quantity: str, run: Trajectory, reference: Trajectory) -> Difference:
+        """Return the largest difference of an observable between two runs, see :func:`difference`."""
+        _check_comparable(run, reference)
+        base = self.read(quantity, reference)
+        observable, errors = base.observable, relative_to(base, self.read(quantity, run))
+        worst = errors.worst
+        place = dict(zip(observable.axis, worst, strict=True)) if worst is not None else {}
+        axis = next((axis for axis in observable.axis if axis != "time"), "")
+        uncertainty, reference_uncertainty = (
+            0.0 if math.isnan(estimate := reduced(part)) else estimate
+            for part in (errors.uncertainty, errors.reference_uncertainty)
+        )
+        return Difference(
+            quantity=quantity,
+            value=0.0 if worst is None else float(abs(errors.values[worst])),
+            scale=0.0 if worst is None else float(base.scale[worst]),
+            unit=observable.unit,
+            scale_name=observable.scale_name,
+            uncertainty=uncertainty,
+            reference_uncertainty=reference_uncertainty,
+            axis=axis,
+            body=place.get(axis, 0) if axis else -1,
+            time=float(run.time[place["time"]]) if "time" in place else math.nan,
+        )
+
+
 def difference(quantity: str, run: Trajectory, reference: Trajectory, scene: Scene | None = None) -> Difference:
     """Return the largest difference of an observable between two runs, with its scale and place.
 
@@ -75,9 +126,12 @@ def difference(quantity: str, run: Trajectory, reference: Trajectory, scene: Sce
         For another observable, or runs of different numbers of bodies or at different times.
 
     """
-    observable = observable_named(quantity)
-    if scene is None and quantity not in VOCABULARY:
-        raise UsageError(f"the observable {quantity} needs the scene of the runs; give scene=...")
+    observable_named(quantity)
+    return Readings(scene).difference(quantity, run, reference)
+
+
+def _check_comparable(run: Trajectory, reference: Trajectory) -> None:
+    """Raise UsageError unless two runs have the same numbers of bodies and contacts, and the same samples."""
     if run.velocity.shape[1:] != reference.velocity.shape[1:] or len(run.peak_force) != len(reference.peak_force):
         raise UsageError(
             f"the runs have {run.velocity.shape[1]} and {reference.velocity.shape[1]} bodies and cannot be compared;"
@@ -88,28 +142,6 @@ def difference(quantity: str, run: Trajectory, reference: Trajectory, scene: Sce
             f"the runs have {len(run.time)} and {len(reference.time)} samples at different times; solve both with the"
             " same samples"
         )
-    # what a trajectory stores is read without the scene
-    readings = [read(observable, cast(Scene, scene), trajectory) for trajectory in (reference, run)]
-    errors = relative_to(*readings)
-    worst = errors.worst
-    place = dict(zip(observable.axis, worst, strict=True)) if worst is not None else {}
-    axis = next((axis for axis in observable.axis if axis != "time"), "")
-    uncertainty, reference_uncertainty = (
-        0.0 if math.isnan(estimate := reduced(part)) else estimate
-        for part in (errors.uncertainty, errors.reference_uncertainty)
-    )
-    return Difference(
-        quantity=quantity,
-        value=0.0 if worst is None else float(abs(errors.values[worst])),
-        scale=0.0 if worst is None else float(readings[0].scale[worst]),
-        unit=observable.unit,
-        scale_name=observable.scale_name,
-        uncertainty=uncertainty,
-        reference_uncertainty=reference_uncertainty,
-        axis=axis,
-        body=place.get(axis, 0) if axis else -1,
-        time=float(run.time[place["time"]]) if "time" in place else math.nan,
-    )
 
 
 def first_divergence(run: Trajectory, reference: Trajectory, tolerance: float) -> tuple[float, int] | None:

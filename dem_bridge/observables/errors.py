@@ -14,72 +14,19 @@ from types import MappingProxyType
 import numpy as np
 
 from dem_bridge.errors import UsageError
+from dem_bridge.observables.registry import ALL as ALL
 from dem_bridge.observables.registry import Observable, observable_named
+from dem_bridge.observables.registry import Reading as Reading
+from dem_bridge.observables.registry import Window as Window
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
-
-
-@dataclass(frozen=True, kw_only=True)
-class Window:
-    """Hold the part of a run that is compared."""
-
-    until: float = math.inf
-    """s: the latest sample."""
-    bodies: range | None = None
-    """Numbers of consecutive bodies; None: all."""
-    contacts: range | None = None
-
-    def first(self, axis: str) -> int:
-        """Return the number of the first sample, body or contact inside."""
-        return self._slices(None)[axis].start or 0
-
-    def of(self, observable: Observable, run: Trajectory, values: Floats) -> Floats:
-        """Return the part of the values of an observable that is inside."""
-        slices = self._slices(run)
-        return np.asarray(values)[tuple(slices[axis] for axis in observable.axis)]
-
-    def _slices(self, run: Trajectory | None) -> dict[str, slice]:
-        samples = slice(None)
-        if run is not None and self.until < math.inf:
-            samples = slice(int(np.searchsorted(run.time, self.until, side="right")))
-        numbers = {"body": self.bodies, "contact": self.contacts}
-        return {"time": samples} | {
-            axis: slice(None) if part is None else slice(part.start, part.stop) for axis, part in numbers.items()
-        }
-
-
-#: the whole run
-ALL = Window()
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Reading:
-    """Hold the values of one observable of one run inside a window, with their uncertainty and scale, in its unit."""
-
-    observable: Observable
-    values: Floats
-    uncertainty: Floats
-    """Of each value; nan where there is none."""
-    scale: Floats
-    """Of differences from this run; same shape as the values."""
-    window: Window = ALL
 
 
 def read(observable: Observable | str, scene: Scene, run: Trajectory, window: Window = ALL) -> Reading:
     """Return an observable of a run inside a window."""
     if isinstance(observable, str):
         observable = observable_named(observable)
-    values, uncertainty = (
-        window.of(observable, run, part(scene, run)) for part in (observable.value, observable.uncertainty)
-    )
-    uncertainty = np.where(np.isnan(uncertainty), np.inf, uncertainty)
-    return Reading(
-        observable=observable,
-        values=values,
-        uncertainty=np.where(np.isnan(values), np.nan, uncertainty),
-        scale=np.broadcast_to(observable.scale.of(scene, run, values), values.shape),
-        window=window,
-    )
+    return observable.read(scene, run, window)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -47,24 +47,24 @@ def residence_time(scene: Scene | None, trajectory: Trajectory) -> Floats:
     '9.380 us, 28.082 us'
 
     """
-    reached = arrival(scene, trajectory)
+    reached = arrival(None, trajectory)
     return np.append(np.diff(reached), np.nan)
 
 
 def residence_time_uncertainty(scene: Scene | None, trajectory: Trajectory) -> Floats:
     """Return the uncertainty of :func:`residence_time`, s, ``(n_body,)``: that of both crossings together."""
-    reached = arrival_uncertainty(scene, trajectory)
+    reached = arrival_uncertainty(None, trajectory)
     return np.append(reached[1:] + reached[:-1], np.nan)
 
 
 def front_speed(scene: Scene | None, trajectory: Trajectory) -> Floats:
     """Return the speed of the front at each body in bodies per second, ``(n_body,)``: one over the residence time."""
-    return 1.0 / residence_time(scene, trajectory)
+    return 1.0 / residence_time(None, trajectory)
 
 
 def front_speed_uncertainty(scene: Scene | None, trajectory: Trajectory) -> Floats:
     """Return the largest change of the inverse of a residence time within its uncertainty, 1/s, ``(n_body,)``."""
-    residence, uncertainty = residence_time(scene, trajectory), residence_time_uncertainty(scene, trajectory)
+    residence, uncertainty = residence_time(None, trajectory), residence_time_uncertainty(None, trajectory)
     least = residence - uncertainty
     relative = np.divide(uncertainty, least, out=np.full(len(least), np.inf), where=least > 0.0)
     return np.asarray(relative / np.abs(residence))
@@ -111,6 +111,16 @@ class PeakVelocity:
         for item in fields(self):
             getattr(self, item.name).setflags(write=False)
 
+    @property
+    def largest(self) -> tuple[Floats, Floats]:
+        """Return the velocities and their uncertainty, m/s."""
+        return self.velocity, self.uncertainty
+
+    @property
+    def when(self) -> tuple[Floats, Floats]:
+        """Return the times and their uncertainty, s."""
+        return self.time, self.time_uncertainty
+
 
 #: where polynomials through six and through four samples are compared, in spacings from a peak. At the peak itself they
 #: may cross, and beside it a contact may open and close between two samples
@@ -147,7 +157,7 @@ def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVeloci
     """Compute what :func:`peak_velocity_of_front` returns."""
     n, time, v = scene.n_body, trajectory.time, trajectory.velocity
     a, bodies = acceleration(scene, trajectory), np.arange(n)
-    came = arrival(scene, trajectory)
+    came = arrival(None, trajectory)
     came[0] = 0.0
     until = np.append(came[1:], time[-1])
     until = np.where(np.isnan(until), time[-1], until)
@@ -177,7 +187,7 @@ def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVeloci
         still = (slope > 0.0) & (at_end > peak[handed])
         which = handed[still]
         peak[which], when[which] = at_end[still], until[which]
-        sampling[which] = (np.abs(slope) * arrival_uncertainty(scene, trajectory)[1:][handed])[still]
+        sampling[which] = (np.abs(slope) * arrival_uncertainty(None, trajectory)[1:][handed])[still]
         late_peak[which] = True
     if not np.any(np.isnan(a)):
         sampling += _difference_of_fewer(trajectory, v, a, when)
@@ -189,7 +199,7 @@ def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVeloci
     uncertainty = sampling + trajectory.uncertainty["velocity"]
     # v - bend t^2/2 with an error of either sign has its maximum where at most twice the uncertainty is missing
     time_uncertainty = np.sqrt(4.0 * np.divide(uncertainty, bend, out=np.full(n, np.inf), where=bend > 0.0))
-    handing = np.append(arrival_uncertainty(scene, trajectory)[1:], np.inf)
+    handing = np.append(arrival_uncertainty(None, trajectory)[1:], np.inf)
     time_uncertainty[late_peak] = handing[late_peak]
     return PeakVelocity(
         velocity=peak, time=when, sampling=sampling, uncertainty=uncertainty, time_uncertainty=time_uncertainty
@@ -259,8 +269,8 @@ def local_speed_constant(scene: Scene, trajectory: Trajectory) -> SpeedConstant:
     n = exponents.pop()
     wave = solitary_wave(mass=1.0, stiffness=1.0, exponent=n, peak_velocity=1.0)
 
-    speed = front_speed(scene, trajectory)[1:-1]
-    of_speed = residence_time_uncertainty(scene, trajectory)[1:-1] * speed
+    speed = front_speed(None, trajectory)[1:-1]
+    of_speed = residence_time_uncertainty(None, trajectory)[1:-1] * speed
     mass, beta = np.array(scene.mass)[1:-1], local_stiffness(scene, np.arange(1, links))
     power = (n - 2.0) / n
     peak = peak_velocity_of_front(scene, trajectory)

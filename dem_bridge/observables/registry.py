@@ -5,21 +5,22 @@ their uncertainty, and the scale that relative differences are taken to. Checks,
 hierarchy, the paper's tables, exports and the report read :data:`OBSERVABLES`; :func:`register` adds another one.
 
 Windows in time or along the chain, and norms over what is inside, belong to the question that is asked and not to the
-observable: they are arguments in :mod:`dem_bridge.observables.errors`.
+observable: they are arguments of :meth:`Observable.read` and in :mod:`dem_bridge.observables.errors`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables import conserved, front
 from dem_bridge.observables.forces import contact_force_uncertainty, first_peak_force
-from dem_bridge.observables.front import peak_velocity_of_front
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import VOCABULARY, Floats, Trajectory, own_scale
 
@@ -29,23 +30,70 @@ Reader = Callable[[Scene, Trajectory], Floats]
 AXES = ("time", "body", "contact")
 
 
+class Measured(NamedTuple):
+    """What is read off a run in one pass."""
+
+    values: Floats
+    uncertainty: Floats
+    size: float = math.nan
+    """A scale of the whole run, in the unit of the values, for an observable whose scale they do not give."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """Hold the part of a run that is compared."""
+
+    until: float = math.inf
+    """s: the latest sample."""
+    bodies: range | None = None
+    """Numbers of consecutive bodies; None: all."""
+    contacts: range | None = None
+
+    def first(self, axis: str) -> int:
+        """Return the number of the first sample, body or contact inside."""
+        return self._slices(None)[axis].start or 0
+
+    def of(self, axes: tuple[str, ...], run: Trajectory, values: Floats) -> Floats:
+        """Return the part of values along some axes that is inside."""
+        slices = self._slices(run)
+        return np.asarray(values)[tuple(slices[axis] for axis in axes)]
+
+    def _slices(self, run: Trajectory | None) -> dict[str, slice]:
+        samples = slice(None)
+        if run is not None and self.until < math.inf:
+            samples = slice(int(np.searchsorted(run.time, self.until, side="right")))
+        numbers = {"body": self.bodies, "contact": self.contacts}
+        return {"time": samples} | {
+            axis: slice(None) if part is None else slice(part.start, part.stop) for axis, part in numbers.items()
+        }
+
+
+#: the whole run
+ALL = Window()
+
+
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """Define the scale of relative differences of an observable, computed from the reference."""
+    """Define the scale of relative differences of an observable, computed from what is read off the reference."""
 
     name: str
     """In words; ``{name}`` and ``{axis}`` stand for those of the observable."""
-    of: Callable[[Scene, Trajectory, Floats], Floats]
-    """f(scene, reference, its values in the window), in the unit of the observable, broadcast to the values."""
+    of: Callable[[Measured], Floats]
+    """Function of the values in the window, in their unit, broadcast to them."""
 
 
 #: the largest magnitude that the reference has anywhere: for traces, which pass through zero
 LARGEST = Scale(
     name="largest |{name}| of the reference",
-    of=lambda scene, run, values: np.asarray(np.max(np.abs(values), initial=0.0)),
+    of=lambda measured: np.asarray(np.max(np.abs(measured.values), initial=0.0)),
 )
 #: the value itself, or a thousandth of the largest in the chain where that is more
-OWN = Scale(name="each {axis}'s own {name}", of=lambda scene, run, values: own_scale(values))
+OWN = Scale(name="each {axis}'s own {name}", of=lambda measured: own_scale(measured.values))
+
+
+def _whole(name: str) -> Scale:
+    """Return a scale of the whole run, which is measured with the values."""
+    return Scale(name=name, of=lambda measured: np.asarray(measured.size))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,12 +117,30 @@ class Observable:
     uncertainty: Reader
     """Estimated numerical error of ``value``, same shape and unit."""
     scale: Scale = OWN
+    measure: Callable[[Scene, Trajectory], Measured] | None = None
+    """Function for ``value`` and ``uncertainty`` in one pass, where they share their work; None: each alone."""
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier() or self.axis != tuple(axis for axis in AXES if axis in self.axis):
             raise ValueError(
                 f"observable {self.name!r} with axis {self.axis!r}; allowed: an identifier, some of {AXES}"
             )
+
+    def read(self, scene: Scene, run: Trajectory, window: Window = ALL) -> Reading:
+        """Return the values of a run inside a window, with their uncertainty and scale, in one pass."""
+        if self.measure is not None:
+            measured = self.measure(scene, run)
+        else:
+            measured = Measured(self.value(scene, run), self.uncertainty(scene, run))
+        values, uncertainty = (window.of(self.axis, run, part) for part in measured[:2])
+        uncertainty = np.where(np.isnan(uncertainty), np.inf, uncertainty)
+        return Reading(
+            observable=self,
+            values=values,
+            uncertainty=np.where(np.isnan(values), np.nan, uncertainty),
+            scale=np.broadcast_to(self.scale.of(measured._replace(values=values)), values.shape),
+            window=window,
+        )
 
     @property
     def words(self) -> str:
@@ -87,30 +153,56 @@ class Observable:
         return self.scale.name.format(name=self.name, axis=self.axis[-1] if self.axis else "chain")
 
 
-def _stored(name: str, definition: str, scale: Scale, uncertainty: Reader | None = None) -> Observable:
-    """Return the observable of an array that every trajectory stores."""
-    unit, _, axis = VOCABULARY[name]
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reading:
+    """Hold the values of one observable of one run inside a window, with their uncertainty and scale, in its unit."""
 
-    def value(scene: Scene, run: Trajectory) -> Floats:
-        return np.asarray(getattr(run, name))
+    observable: Observable
+    values: Floats
+    uncertainty: Floats
+    """Of each value; nan where there is none."""
+    scale: Floats
+    """Of differences from this run; same shape as the values."""
+    window: Window = ALL
 
-    def stored(scene: Scene, run: Trajectory) -> Floats:
-        return np.broadcast_to(run.uncertainty[name], value(scene, run).shape)
 
+def _measured(
+    name: str,
+    definition: str,
+    unit: str,
+    axis: tuple[str, ...],
+    measure: Callable[[Scene, Trajectory], Measured],
+    scale: Scale = OWN,
+) -> Observable:
+    """Return the observable whose values and uncertainties are measured in one pass."""
     return Observable(
         name=name,
         definition=definition,
         unit=unit,
         axis=axis,
-        value=value,
-        uncertainty=uncertainty or stored,
+        value=lambda scene, run: measure(scene, run).values,
+        uncertainty=lambda scene, run: measure(scene, run).uncertainty,
         scale=scale,
+        measure=measure,
     )
 
 
-def _spacing(scene: Scene) -> float:
-    """Return the spacing of the bodies, m; nan for a scene without one."""
-    return np.nan if scene.spacing is None else scene.spacing
+def _stored(name: str, definition: str, scale: Scale, uncertainty: Reader | None = None) -> Observable:
+    """Return the observable of an array that every trajectory stores."""
+    unit, _, axis = VOCABULARY[name]
+
+    def measure(scene: Scene, run: Trajectory) -> Measured:
+        values = np.asarray(getattr(run, name))
+        given = np.broadcast_to(run.uncertainty[name], values.shape) if uncertainty is None else uncertainty(scene, run)
+        return Measured(values, given)
+
+    return _measured(name, definition, unit, axis, measure, scale)
+
+
+def _wave_speed(scene: Scene, run: Trajectory) -> Measured:
+    """Return the front speed times the spacing of the bodies; nan for a scene without one."""
+    spacing = np.nan if scene.spacing is None else scene.spacing
+    return Measured(spacing * front.front_speed(None, run), spacing * front.front_speed_uncertainty(None, run))
 
 
 OBSERVABLES_IN_ORDER = (
@@ -122,121 +214,91 @@ OBSERVABLES_IN_ORDER = (
         LARGEST,
         contact_force_uncertainty,
     ),
-    Observable(
-        name="arrival",
-        definition=(
-            "Time at which the impulse reaches the body: the first maximal compression of the contact on its struck"
-            " side (Chaunsali, Kim & Yang 2018, section 4a)."
-        ),
-        unit="s",
-        axis=("body",),
-        value=front.arrival,
-        uncertainty=front.arrival_uncertainty,
+    _measured(
+        "arrival",
+        "Time at which the impulse reaches the body: the first maximal compression of the contact on its struck"
+        " side (Chaunsali, Kim & Yang 2018, section 4a).",
+        "s",
+        ("body",),
+        lambda scene, run: Measured(front.arrival(None, run), front.arrival_uncertainty(None, run)),
     ),
-    Observable(
-        name="arrival_at_end",
-        definition="Arrival of the impulse at the last body of the chain.",
-        unit="s",
-        axis=(),
-        value=lambda scene, run: front.arrival(scene, run)[-1],
-        uncertainty=lambda scene, run: front.arrival_uncertainty(scene, run)[-1],
+    _measured(
+        "arrival_at_end",
+        "Arrival of the impulse at the last body of the chain.",
+        "s",
+        (),
+        lambda scene, run: Measured(front.arrival(None, run)[-1], front.arrival_uncertainty(None, run)[-1]),
     ),
-    Observable(
-        name="residence_time",
-        definition=(
-            "Time between the first maximal compressions of the two contacts of the body, during which it holds the"
-            " impulse (Chaunsali, Kim & Yang 2018, section 4a)."
-        ),
-        unit="s",
-        axis=("body",),
-        value=front.residence_time,
-        uncertainty=front.residence_time_uncertainty,
+    _measured(
+        "residence_time",
+        "Time between the first maximal compressions of the two contacts of the body, during which it holds the"
+        " impulse (Chaunsali, Kim & Yang 2018, section 4a).",
+        "s",
+        ("body",),
+        lambda scene, run: Measured(front.residence_time(None, run), front.residence_time_uncertainty(None, run)),
     ),
-    Observable(
-        name="front_speed",
-        definition="Speed of the wave front at the body in bodies per second: the inverse of the residence time.",
-        unit="1/s",
-        axis=("body",),
-        value=front.front_speed,
-        uncertainty=front.front_speed_uncertainty,
+    _measured(
+        "front_speed",
+        "Speed of the wave front at the body in bodies per second: the inverse of the residence time.",
+        "1/s",
+        ("body",),
+        lambda scene, run: Measured(front.front_speed(None, run), front.front_speed_uncertainty(None, run)),
     ),
-    Observable(
-        name="wave_speed",
-        definition=(
-            "Speed of the wave front at the body: the spacing of the bodies over the residence time (Chaunsali, Kim &"
-            " Yang 2018, eq. 3.6)."
-        ),
-        unit="m/s",
-        axis=("body",),
-        value=lambda scene, run: _spacing(scene) * front.front_speed(scene, run),
-        uncertainty=lambda scene, run: _spacing(scene) * front.front_speed_uncertainty(scene, run),
+    _measured(
+        "wave_speed",
+        "Speed of the wave front at the body: the spacing of the bodies over the residence time (Chaunsali, Kim &"
+        " Yang 2018, eq. 3.6).",
+        "m/s",
+        ("body",),
+        _wave_speed,
     ),
-    Observable(
-        name="peak_velocity",
-        definition="Largest velocity of the body until it hands the impulse on.",
-        unit="m/s",
-        axis=("body",),
-        value=lambda scene, run: peak_velocity_of_front(scene, run).velocity,
-        uncertainty=lambda scene, run: peak_velocity_of_front(scene, run).uncertainty,
+    _measured(
+        "peak_velocity",
+        "Largest velocity of the body until it hands the impulse on.",
+        "m/s",
+        ("body",),
+        lambda scene, run: Measured(*front.peak_velocity_of_front(scene, run).largest),
     ),
-    Observable(
-        name="peak_velocity_time",
-        definition="Time at which the body has its largest velocity before it hands the impulse on.",
-        unit="s",
-        axis=("body",),
-        value=lambda scene, run: peak_velocity_of_front(scene, run).time,
-        uncertainty=lambda scene, run: peak_velocity_of_front(scene, run).time_uncertainty,
+    _measured(
+        "peak_velocity_time",
+        "Time at which the body has its largest velocity before it hands the impulse on.",
+        "s",
+        ("body",),
+        lambda scene, run: Measured(*front.peak_velocity_of_front(scene, run).when),
     ),
     _stored("peak_force", "Largest compressive force of the contact during the run.", OWN),
-    Observable(
-        name="first_peak_force",
-        definition="Elastic force of the contact at its first maximal compression; a later wave may press harder.",
-        unit="N",
-        axis=("contact",),
-        value=lambda scene, run: first_peak_force(scene, run)[0],
-        uncertainty=lambda scene, run: first_peak_force(scene, run)[1],
+    _measured(
+        "first_peak_force",
+        "Elastic force of the contact at its first maximal compression; a later wave may press harder.",
+        "N",
+        ("contact",),
+        lambda scene, run: Measured(*first_peak_force(scene, run)),
     ),
     _stored("crossing_time", "Time of the first maximal compression of the contact.", OWN),
-    Observable(
-        name="momentum",
-        definition="Total momentum of the bodies at each sample.",
-        unit="kg m/s",
-        axis=("time",),
-        value=conserved.momentum,
-        uncertainty=conserved.momentum_uncertainty,
-        scale=Scale(
-            name="total mass times largest velocity",
-            of=lambda scene, run, values: np.asarray(sum(scene.mass) * np.max(np.abs(run.velocity), initial=0.0)),
-        ),
+    _measured(
+        "momentum",
+        "Total momentum of the bodies at each sample.",
+        "kg m/s",
+        ("time",),
+        lambda scene, run: Measured(*conserved.measure_momentum(scene, run)),
+        _whole("total mass times largest velocity"),
     ),
-    Observable(
-        name="energy",
-        definition="Energy of motion, contacts and height at each sample.",
-        unit="J",
-        axis=("time",),
-        value=conserved.energy,
-        uncertainty=conserved.energy_uncertainty,
-        scale=Scale(
-            name="most energy in motion, contacts and height",
-            of=lambda scene, run, values: np.asarray(
-                np.max(sum(map(np.abs, conserved.energy_parts(scene, run))), initial=0.0),
-            ),
-        ),
+    _measured(
+        "energy",
+        "Energy of motion, contacts and height at each sample.",
+        "J",
+        ("time",),
+        lambda scene, run: Measured(*conserved.measure_energy(scene, run)),
+        _whole("most energy in motion, contacts and height"),
     ),
-    Observable(
-        name="energy_less_work",
-        definition="Energy at each sample less the work that the drive has done.",
-        unit="J",
-        axis=("time",),
-        value=lambda scene, run: conserved.energy(scene, run) - conserved.work(scene, run)[0],
-        uncertainty=lambda scene, run: conserved.energy_uncertainty(scene, run) + conserved.work(scene, run)[1],
+    _measured(
+        "energy_less_work",
+        "Energy at each sample less the work that the drive has done.",
+        "J",
+        ("time",),
+        lambda scene, run: Measured(*conserved.measure_energy_less_work(scene, run)),
         # what a precompressed chain stores is no measure of a small wave
-        scale=Scale(
-            name="most energy in motion and work done",
-            of=lambda scene, run, values: np.asarray(
-                np.max(conserved.energy_parts(scene, run)[0] + np.abs(conserved.work(scene, run)[0]), initial=0.0)
-            ),
-        ),
+        _whole("most energy in motion and work done"),
     ),
 )
 _REGISTRY = {observable.name: observable for observable in OBSERVABLES_IN_ORDER}

@@ -59,7 +59,8 @@ def recall(
     TypeError
         If the value is not plain data.
     """
-    foreign = any(not item.value.__module__.startswith(_PACKAGE) for item in OBSERVABLES.values())
+    functions = [part for item in OBSERVABLES.values() for part in (item.value, item.uncertainty, item.measure) if part]
+    foreign = any(not part.__module__.startswith(_PACKAGE) for part in functions)
     if store is None or foreign or None in keys:
         return compute()
     shown = [(scene.name, scene.description, repr(scene.geometry)) for scene in scenes]

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dem_bridge.observables.differences import difference
-from dem_bridge.observables.errors import read, reduced, relative_to
+from dem_bridge.observables.errors import reduced, relative_to
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Verdict
 from dem_bridge.runs.campaign import Result
@@ -77,12 +76,13 @@ def assess_scene(roles: Roles, results: Runs[Result], accuracy: float) -> SceneS
         Tolerance of velocity errors, relative to the largest velocity.
     """
     runs = results.map(lambda result: result.trajectory)
+    study_roles, roles = roles, replace(roles)  # what is read off the runs is forgotten when they are judged
     refinement: dict[str, Refinement] = {}
     if runs.reference is not None:
         for main, levels in ((results.twin, results.twin_refinements), (results.engine, results.engine_refinements)):
             if main.trajectory is not None:
-                refinement[main.case.backend] = _refinement((main, *levels), runs.reference)
-    budgets_of_engine = _budgets(runs)
+                refinement[main.case.backend] = _refinement(roles, (main, *levels), runs.reference)
+    budgets_of_engine = _budgets(roles, runs)
     verdicts = [
         *_failures(roles, results),
         *_implementation(roles, runs, budgets_of_engine),
@@ -91,7 +91,7 @@ def assess_scene(roles: Roles, results: Runs[Result], accuracy: float) -> SceneS
     if runs.engine is not None:
         verdicts += checks.conserved(roles, runs.engine, accuracy, runs.reference)
     return SceneStudy(
-        roles=roles,
+        roles=study_roles,
         runs=results,
         verdicts=tuple(verdicts),
         refinement=refinement,
@@ -108,14 +108,13 @@ def _observables(roles: Roles, runs: _Trajectories) -> Iterator[tuple[str | floa
     """
     if runs.reference is None:
         return
-    scene = roles.scene
     for observable in OBSERVABLES.values():
-        reference, numbers = read(observable, scene, runs.reference), []
+        reference, numbers = roles.readings.read(observable.name, runs.reference), []
         for run in (runs.reference, runs.engine, runs.twin, runs.second_reference):
-            errors = None if run is None else relative_to(reference, read(observable, scene, run))
+            errors = None if run is None else relative_to(reference, roles.readings.read(observable.name, run))
             numbers += [math.nan, math.nan] if errors is None else [errors.reduced(), reduced(errors.uncertainty)]
         # the reference does not differ from itself
-        yield scene.name, observable.words, reduced(reference.values), observable.unit, *numbers[1:]
+        yield roles.scene.name, observable.words, reduced(reference.values), observable.unit, *numbers[1:]
 
 
 def _failures(roles: Roles, results: Runs[Result]) -> Iterator[Verdict]:
@@ -125,10 +124,10 @@ def _failures(roles: Roles, results: Runs[Result]) -> Iterator[Verdict]:
             yield checks.absent(roles, result.case.backend, result)
 
 
-def _budgets(runs: _Trajectories) -> tuple[Budget, ...]:
+def _budgets(roles: Roles, runs: _Trajectories) -> tuple[Budget, ...]:
     if runs.engine is None or runs.twin is None or runs.positional_twin is None or runs.reference is None:
         return ()
-    return budgets(runs.engine, runs.twin, runs.positional_twin, runs.reference, runs.tabled_twin)
+    return budgets(roles.readings, runs.engine, runs.twin, runs.positional_twin, runs.reference, runs.tabled_twin)
 
 
 def _implementation(roles: Roles, runs: _Trajectories, budget: tuple[Budget, ...]) -> Iterator[Verdict]:
@@ -145,7 +144,7 @@ def _implementation(roles: Roles, runs: _Trajectories, budget: tuple[Budget, ...
         return
     allowed = {part.quantity: part.allowed for part in budget}
     # contact forces have no uncertainty of their own, but their difference must be explained as well
-    allowed["contact_force"] = allowance("contact_force", twin, positional, runs.tabled_twin)
+    allowed["contact_force"] = allowance(roles.readings, "contact_force", twin, positional, runs.tabled_twin)
     for quantity, bound in allowed.items():
         yield checks.explained(roles, quantity, engine, positional, allowed=bound)
 
@@ -183,10 +182,10 @@ def _reference_with_table_error(runs: _Trajectories) -> Trajectory:
     return replace(reference, uncertainty=replace(reference.uncertainty, velocity=velocity))
 
 
-def _refinement(results: tuple[Result, ...], reference: Trajectory) -> Refinement:
+def _refinement(roles: Roles, results: tuple[Result, ...], reference: Trajectory) -> Refinement:
     """Return steps and velocity errors of the runs of one backend, the coarsest step first."""
     runs = [result.trajectory for result in results if result.trajectory is not None]
     steps = [float(run.provenance["settings"]["dt"]) for run in runs]
-    errors = [difference("velocity", run, reference).value for run in runs]
+    errors = [roles.readings.difference("velocity", run, reference).value for run in runs]
     order = np.argsort(steps)[::-1]
     return [steps[i] for i in order], [errors[i] for i in order]

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.observables.differences import difference
+from dem_bridge.observables.differences import Readings
 from dem_bridge.observables.verdict import plain
 from dem_bridge.runs.uncertainty.fixed_step import REALISATIONS
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
@@ -57,6 +57,7 @@ class Budget:
 
 
 def budgets(
+    readings: Readings,
     engine: Trajectory,
     twin: Trajectory,
     positional: Trajectory,
@@ -65,38 +66,40 @@ def budgets(
 ) -> tuple[Budget, ...]:
     """Return the budgets of all quantities.
 
-    ``twin`` has the engine's steps, ``tabled`` its tables as well (None: the engine has none), and ``positional`` keeps
-    absolute positions in addition.
+    ``readings`` are those of the runs. ``twin`` has the engine's steps, ``tabled`` its tables as well (None: the engine
+    has none), and ``positional`` keeps absolute positions in addition.
     """
     budgets, same = [], tabled or twin
     for quantity in QUANTITIES:
-        error, step = difference(quantity, engine, reference), difference(quantity, twin, reference)
+        error, step = readings.difference(quantity, engine, reference), readings.difference(quantity, twin, reference)
         budgets.append(
             Budget(
                 quantity=quantity,
                 found=error.value,
                 parts={
                     "time step": step.value,
-                    "table": difference(quantity, same, twin).value,
-                    "round-off": difference(quantity, positional, same).value,
+                    "table": readings.difference(quantity, same, twin).value,
+                    "round-off": readings.difference(quantity, positional, same).value,
                     "sampling": twin.uncertainty.sampling[quantity],
                     "reference": error.reference_uncertainty,
                 },
-                unexplained=difference(quantity, engine, positional).value,
-                allowed=allowance(quantity, twin, positional, tabled),
+                unexplained=readings.difference(quantity, engine, positional).value,
+                allowed=allowance(readings, quantity, twin, positional, tabled),
                 scale_name=error.scale_name,
             )
         )
     return tuple(budgets)
 
 
-def allowance(quantity: str, twin: Trajectory, positional: Trajectory, tabled: Trajectory | None = None) -> float:
+def allowance(
+    readings: Readings, quantity: str, twin: Trajectory, positional: Trajectory, tabled: Trajectory | None = None
+) -> float:
     """Return how much LAMMPS may differ from the positional twin, relative.
 
     Both round in the same way, but not each operation in the same order; the errors of step and sampling are the same.
     """
     # two realisations of the round-off, each as large as the known one
-    rounding = difference(quantity, positional, tabled or twin).value
+    rounding = readings.difference(quantity, positional, tabled or twin).value
     allowed = 2.0 * rounding + REALISATIONS * twin.uncertainty.parts["last_digit"]
     if quantity == "displacement":
         # a body that drifts adds the same increment at every step, which may fall on either side of a tie each time

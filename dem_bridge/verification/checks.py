@@ -23,8 +23,7 @@ from dem_bridge.backends.steps import order_on
 from dem_bridge.errors import RunBroken
 from dem_bridge.observables.accuracy import ObservedOrder, observed_order
 from dem_bridge.observables.conserved import work
-from dem_bridge.observables.differences import Difference, difference, first_divergence
-from dem_bridge.observables.errors import read
+from dem_bridge.observables.differences import Difference, first_divergence
 from dem_bridge.observables.registry import OBSERVABLES, observable_named
 from dem_bridge.observables.verdict import Outcome, Verdict, judge, judge_relative, numerical_verdict
 from dem_bridge.runs.campaign import Result
@@ -116,7 +115,7 @@ def _against_twin(
     """Judge LAMMPS against a twin, from which it may differ by ``allowed``, relative."""
     digit = engine.uncertainty.parts["last_digit"]
     return numerical_verdict(
-        replace(difference(quantity, engine, twin), uncertainty=allowed, reference_uncertainty=digit),
+        replace(roles.readings.difference(quantity, engine, twin), uncertainty=allowed, reference_uncertainty=digit),
         scene=roles.scene.name,
         backend=roles.engine,
         reference=reference,
@@ -132,7 +131,7 @@ def two_methods(roles: Roles, second: Trajectory | None, reference: Trajectory, 
     ``second`` is None where only one backend solves the scene to the accuracy of a reference: NOT_RUN. ``estimated`` is
     False for a second reference that is scipy's run without its uncertainty, which is then :data:`SCIPY_UNCERTAINTY`.
     """
-    compared = difference("velocity", second or reference, reference)
+    compared = roles.readings.difference("velocity", second or reference, reference)
     if not estimated:
         compared = replace(compared, uncertainty=SCIPY_UNCERTAINTY)
     allowed = compared.uncertainty + compared.reference_uncertainty
@@ -170,7 +169,7 @@ def accuracy(roles: Roles, name: str, run: Trajectory, reference: Trajectory, to
         ("velocity",) if name == TWIN else (*QUANTITIES, *(other for other in OBSERVABLES if other not in without))
     )
     verdicts = []
-    for compared in (difference(quantity, run, reference, roles.scene) for quantity in quantities):
+    for compared in (roles.readings.difference(quantity, run, reference) for quantity in quantities):
         of_velocity = compared.quantity == "velocity"
         verdict = numerical_verdict(
             compared,
@@ -289,7 +288,7 @@ def conserved(roles: Roles, run: Trajectory, tolerance: float, reference: Trajec
 
 def _drift(roles: Roles, run: Trajectory, name: str, tolerance: float, meaning: str, unknown: float = 0.0) -> Verdict:
     """Return the verdict on the largest change of an observable from its start, which may err by ``unknown``."""
-    reading, backend = read(name, roles.scene, run), roles.engine
+    reading, backend = roles.readings.read(name, run), roles.engine
     observable, scale = reading.observable, float(reading.scale[0])
     drift, uncertainty = (
         part / scale if scale > 0.0 else 0.0 for part in (np.max(np.abs(reading.values - reading.values[0])), unknown)
@@ -317,7 +316,7 @@ def _drift(roles: Roles, run: Trajectory, name: str, tolerance: float, meaning: 
 
 def model(roles: Roles, theory: Trajectory, reference: Trajectory) -> list[Verdict]:
     """Return the differences of binary collisions from the reference: numbers of a theory with other equations."""
-    differences = [difference(quantity, theory, reference, roles.scene) for quantity in MODELLED]
+    differences = [roles.readings.difference(quantity, theory, reference) for quantity in MODELLED]
     if roles.scene.n_body <= 2:
         differences = [part for part in differences if part.quantity != "residence_time"]
     # where only one of the two reaches the end there is no arrival to compare

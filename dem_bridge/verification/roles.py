@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Generic, TypeVar, cast
 
 from dem_bridge.backends.base import Resolution, Sampling, supports_of
@@ -27,6 +28,7 @@ from dem_bridge.backends.steps import default_step
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.observables.differences import Readings
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
 
@@ -54,6 +56,11 @@ class Roles:
     """The backend that solves for the reference: "reference", or "scipy" where the Taylor series do not fit."""
     second_reference: str | None
     """A backend of another method than the solver's; None: no other backend solves the scene to that accuracy."""
+
+    @cached_property
+    def readings(self) -> Readings:
+        """Return the observables of the runs in these roles, each read once; another copy of the roles has its own."""
+        return Readings(self.scene)
 
     @property
     def takes_tables(self) -> bool:

@@ -13,6 +13,9 @@ from dem_bridge.observables.conserved import (
     energy,
     energy_parts,
     energy_uncertainty,
+    measure_energy,
+    measure_energy_less_work,
+    measure_momentum,
     momentum,
     momentum_uncertainty,
     work,
@@ -172,3 +175,20 @@ def test_uncertainties_are_those_of_all_velocities_and_displacements_together() 
     expected = [moving + 0.01 * (weight + force) for force in (start, end)]
     np.testing.assert_allclose(energy_uncertainty(THREE, run), expected, rtol=1e-12)
     assert np.all(np.isinf(energy_uncertainty(THREE, replace(run, uncertainty=UNKNOWN))))
+
+
+def test_what_is_conserved_is_measured_in_one_pass_with_its_scale_by_hand() -> None:
+    run = free_flight(contacts=4, samples=1, uncertainty=uncertain(velocity=0.1, displacement=0.01))
+    found = measure_momentum(THREE, run)
+    np.testing.assert_array_equal(found[0], momentum(THREE, run))
+    np.testing.assert_array_equal(found[1], momentum_uncertainty(THREE, run))
+    assert found[2] == (2.0 + 3.0 + 5.0) * 3.0
+    done, unknown = work(THREE, run)
+    kinetic, stored, potential = energy_parts(THREE, run)
+    for measured, less, scale in (
+        (measure_energy(THREE, run), 0.0, np.max(kinetic + stored + np.abs(potential))),
+        (measure_energy_less_work(THREE, run), done, np.max(kinetic + np.abs(done))),
+    ):
+        np.testing.assert_array_equal(measured[0], energy(THREE, run) - less)
+        np.testing.assert_array_equal(measured[1], energy_uncertainty(THREE, run) + unknown)
+        assert measured[2] == pytest.approx(scale, rel=1e-14)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -12,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.differences import at_common_times, compare_runs, difference, first_divergence
+from dem_bridge.observables.differences import Readings, at_common_times, compare_runs, difference, first_divergence
 from dem_bridge.scene.scene import Scene
-from dem_bridge.trajectory.trajectory import Trajectory
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from tests.helpers.fake_runs import free_flight, uncertain
+from tests.helpers.registered import MEAN_VELOCITY, registered
 from tests.helpers.strategies import log_uniform
 
 EPS = float(np.finfo(float).eps)
@@ -285,3 +287,19 @@ def test_runs_of_two_scenes_are_compared_with_a_word_of_warning() -> None:
     )
     assert compare_runs(one, other).notes == ("the runs are of different scenes, this and that",)
     assert compare_runs(one, one).notes == ()
+
+
+def test_readings_read_each_observable_of_each_run_once() -> None:
+    times: Counter[int] = Counter()
+
+    def value(scene: Scene, run: Trajectory) -> Floats:
+        times[id(run)] += 1
+        return MEAN_VELOCITY.value(scene, run)
+
+    scene = Scene(name="three", duration=1.0, mass=(1.0,) * 3, stiffness=(1.0,) * 2, velocity=(1.0, 2.0, 3.0))
+    run, other = free_flight(), free_flight(velocity=1.5 * free_flight().velocity)
+    with registered(replace(MEAN_VELOCITY, value=value)) as observable:
+        readings = Readings(scene)
+        found = [readings.difference(observable.name, a, b).value for a, b in ((run, other), (other, run), (run, run))]
+    assert found == pytest.approx([1 / 3, 0.5, 0.0], rel=1e-12)
+    assert times == {id(run): 1, id(other): 1}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
+from dem_bridge.observables.differences import Readings
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification.budget import Budget, budgets
@@ -34,7 +35,10 @@ def runs() -> dict[str, Trajectory]:
 
 
 def _budgets(engine: Trajectory, runs: dict[str, Trajectory]) -> dict[str, Budget]:
-    return {budget.quantity: budget for budget in budgets(engine, runs["twin"], runs["positional"], runs["truth"])}
+    return {
+        budget.quantity: budget
+        for budget in budgets(Readings(None), engine, runs["twin"], runs["positional"], runs["truth"])
+    }
 
 
 @pytest.mark.lammps
