@@ -18,9 +18,9 @@ from matplotlib.axes import Axes as Axes
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from dem_bridge.report.colours import colour_limits
 from dem_bridge.report.drawing_styles import (
     BARS,
-    colour_limits,
     groups_of_scale,
     scale_together,
     set_scales,

@@ -1,4 +1,4 @@
-"""Set how panels look: lines and markers, the colours of maps, axes that several panels share, and ticks.
+"""Set how panels look: lines and markers, axes that several panels share, and ticks.
 
 Each backend has one colour, marker and dash pattern in all figures. Colours are the Okabe-Ito set (legible for
 colour-blind readers); lines and marks also differ in form, so that a page printed in grey keeps its meaning.
@@ -19,7 +19,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from dem_bridge.report.study import Map, Panel
+from dem_bridge.report.study import Panel
 
 #: the data: colours of the Okabe-Ito set, and the matplotlib arguments of styles, whose colours have names here
 _DATA = json.loads(Path(__file__).with_name("drawing_styles.json").read_text(encoding="utf-8"))
@@ -96,36 +96,6 @@ def style_on_map(name: str) -> dict[str, Any]:
     edge = withStroke(linewidth=1.7, foreground=_DARK if ink == _LIGHT else _LIGHT)
     marks = _ON_FRONT if dash == "none" else {}
     return {"color": ink, "linestyle": dash, "linewidth": 0.8, "path_effects": [edge], **marks}
-
-
-def colour_limits(maps: Sequence[Map]) -> tuple[float, float, str]:
-    """Return the smallest and the largest value of a colour scale for all maps, and the ends that values exceed.
-
-    The extreme values of 19 of 20 columns lie within the scale. A percentile of all values would depend on how much of
-    a map is at rest.
-    """
-    tops, bottoms = [], []
-    for data in maps:
-        finite = np.where(np.isfinite(data.values), data.values, np.nan)
-        full = finite[:, np.isfinite(finite).any(axis=0)]
-        if full.size:
-            tops.append(np.nanmax(full, axis=0))
-            bottoms.append(np.nanmin(full, axis=0))
-    if not tops:
-        return 0.0, 1.0, "neither"
-    high, low = np.concatenate(tops), np.concatenate(bottoms)
-    top, bottom = float(np.percentile(high, 95.0)), float(np.percentile(low, 5.0))
-    if any(data.diverging for data in maps):
-        top = max(abs(top), abs(bottom))
-        bottom = -top
-    if not top > bottom:
-        top, bottom = float(high.max()), float(low.min())
-    if not top > bottom:
-        top = bottom + 1.0
-    step = (top - bottom) / 256.0  # one of 256 colours; smaller excesses are invisible
-    ends = (float(low.min()) < bottom - step, float(high.max()) > top + step)
-    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[ends]
-    return bottom, top, extend
 
 
 def groups_of_scale(panels: Sequence[Panel]) -> list[list[int]]:

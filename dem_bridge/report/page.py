@@ -9,15 +9,20 @@ import csv
 import io
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from dem_bridge.foundation.files import check_report_folder, write_whole
 from dem_bridge.report.images import picture_of_data
-from dem_bridge.report.pages import SEVERITY, fill
+from dem_bridge.report.pages import SEVERITY, fill, outcomes_of
 from dem_bridge.report.study import FigureData, Map, Panel, Study
 from dem_bridge.runs.store import Store
+from dem_bridge.version import __version__
+
+_MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 
 
 def write_study(study: Study, folder: Path, store: Store | None = None) -> tuple[str, ...]:
@@ -26,6 +31,20 @@ def write_study(study: Study, folder: Path, store: Store | None = None) -> tuple
     check_report_folder(folder)
     write_whole(folder, files)
     return tuple(files)
+
+
+def about(provenance: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return version of dem_bridge, release of LAMMPS (if it ran) and date, as the head of a page names them.
+
+    >>> about({"lammps": {"version": 20250722}, "date": "2026-11-23 20:34 UTC"})[1:]
+    ('LAMMPS 22 Jul 2025', '2026-11-23')
+    """
+    release = provenance.get("lammps")
+    release = release.get("version") if isinstance(release, Mapping) else release
+    named = re.fullmatch(r"(\d{4})(\d\d)(\d\d)", str(release))
+    lammps = f"{int(named[3])} {_MONTHS[int(named[2]) - 1]} {named[1]}" if named else release
+    day = str(provenance.get("date") or datetime.now(UTC).date())[:10]
+    return (f"dem_bridge {__version__}", *([f"LAMMPS {lammps}"] if lammps else []), day)
 
 
 def study_files(
@@ -48,6 +67,7 @@ def study_files(
         }
         for figure in study.figures
     }
+    shown = {"about": about(study.provenance), "outcomes": outcomes_of(study.verdicts)} | shown
     failures = [verdict for verdict in study.verdicts if verdict.outcome in SEVERITY[:3]]
     files: dict[str, str | bytes] = {
         "index.html": fill(*template, study=study, files=figures, failures=failures, **shown),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable
 from functools import cache
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from dem_bridge.observables.verdict import Outcome
+from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.images import alternative_text, inline
 from dem_bridge.report.study import Claim, ClaimValue, Table
 
@@ -50,6 +51,44 @@ KINDS = {
 }
 #: letters of formulas
 _GREEK = {"beta": "β", "gamma": "γ", "mu": "μ"}
+
+
+class Outcomes(NamedTuple):
+    """Hold in words how many checks pass."""
+
+    worst: Outcome
+    judged: str
+    """Such as "385 of 385 checks pass"."""
+    others: str
+    """Checks that cannot pass or fail, such as "11 not run"; empty without any."""
+
+
+#: outcomes of checks that can pass or fail; and what the others are called
+_JUDGED = (Outcome.BROKEN, Outcome.FAIL, Outcome.UNDECIDED, Outcome.PASS)
+_UNJUDGED = {
+    Outcome.MODEL_DIFFERENCE: "comparisons with a theory, which have no pass or fail",
+    Outcome.NOT_RUN: "not run",
+}
+_MISSED = {Outcome.BROKEN: "broken", Outcome.FAIL: "failed", Outcome.UNDECIDED: "undecided"}
+
+
+def outcomes_of(verdicts: Iterable[Verdict]) -> Outcomes | None:
+    """Return in words how many verdicts pass; None without a verdict that can.
+
+    >>> from dataclasses import replace
+    >>> passed = Verdict(scene="", quantity="", backend="", reference="", outcome=Outcome.PASS, sentence="")
+    >>> outcomes_of([passed, replace(passed, outcome=Outcome.FAIL), replace(passed, outcome=Outcome.NOT_RUN)])
+    Outcomes(worst=<Outcome.FAIL: 'FAIL'>, judged='1 of 2 checks pass: 1 failed', others='1 not run')
+    """
+    counts = Counter(verdict.outcome for verdict in verdicts)
+    total = sum(counts[outcome] for outcome in _JUDGED)
+    if not total:
+        return None
+    missed = ", ".join(f"{counts[outcome]} {word}" for outcome, word in _MISSED.items() if counts[outcome])
+    others = "; ".join(f"{counts[outcome]} {words}" for outcome, words in _UNJUDGED.items() if counts[outcome])
+    judged = f"{counts[Outcome.PASS]} of {total} check{'s' * (total > 1)} pass{'es' * (total == 1)}"
+    worst = next(outcome for outcome in _JUDGED if counts[outcome])
+    return Outcomes(worst, judged + (f": {missed}" if missed else ""), others)
 
 
 class Valued(NamedTuple):
@@ -119,6 +158,17 @@ def number(value: float | None, digits: int = 2) -> str:
     return "0" if value == 0 else f"{value:.{digits}g}"
 
 
+def power(value: float) -> Markup:
+    """Return a relative error with two digits as HTML: in per cent, or below a thousandth with a power of ten.
+
+    >>> str(power(1.12e-6)), str(power(0.0234)), str(power(0.0))
+    ('1.1×10<sup>−6</sup>', '2.3 %', '0')
+    """
+    if value == 0.0:
+        return Markup("0")
+    return typeset(f"{value:.1e}" if abs(value) < 1e-3 else f"{100.0 * value:.2g} %")
+
+
 def digits_of(value: float, uncertainty: float) -> int:
     """Return the number of digits of a value: one more than its uncertainty leaves, or 6 without an uncertainty.
 
@@ -181,6 +231,7 @@ def _environment(package: str) -> Environment:
         "inline": lambda svg, name, alt: Markup(inline(svg, name, alt)),
         "number": number,
         "numeric": numeric,
+        "power": power,
         "sortable": sortable,
         "typeset": typeset,
     }

@@ -102,6 +102,22 @@ class Claim:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Headline:
+    """A number that a page shows large, and the sentence that says what it is."""
+
+    number: str
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Points:
+    """Short sentences under one heading, such as "Question"."""
+
+    heading: str
+    points: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Table:
     """Rows of texts and numbers; numbers stay numbers, so that a page can sort and round them."""
 
@@ -173,6 +189,8 @@ class Panel:
 
     A name that ends in a colon is the heading of the rows below it.
     """
+    row_kinds: tuple[str, ...] = ()
+    """Where the value of each row comes from, for its colour: "round-off", "time step", "model" or ""."""
     bars: bool = False
     """Whether each series has a horizontal bar in each of its rows, from zero to its x."""
     tall: bool = False

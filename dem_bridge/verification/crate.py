@@ -47,7 +47,7 @@ def crate(verification: Verification, files: Mapping[str, str | bytes]) -> str:
             "@id": "./",
             "@type": "Dataset",
             "name": verification.title,
-            "description": " ".join(verification.abstract or verification.answer),
+            "description": _description(verification),
             "datePublished": end[:10],
             "license": {"@id": "https://spdx.org/licenses/MIT"},
             "conformsTo": {"@id": _CONFORMS[1]},
@@ -106,6 +106,12 @@ def crate(verification: Verification, files: Mapping[str, str | bytes]) -> str:
     ]
     entities += [_file(name, content) for name, content in files.items()]
     return json.dumps({"@context": _CONTEXT, "@graph": entities}, indent=1, ensure_ascii=False) + "\n"
+
+
+def _description(verification: Verification) -> str:
+    """Return the abstract as one paragraph, or the answer without one."""
+    points = (point for part in verification.abstract for point in part.points)
+    return " ".join(points if verification.abstract else verification.answer)
 
 
 def _file(name: str, content: str | bytes) -> dict[str, Any]:

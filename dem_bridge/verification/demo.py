@@ -20,7 +20,8 @@ from dem_bridge.runs.uncertainty.estimate import solve
 from dem_bridge.scene.file import load_scene
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
-from dem_bridge.verification.figures import body_noun, spacetime_panel
+from dem_bridge.verification.chains import body_noun
+from dem_bridge.verification.figures import spacetime_panel
 from dem_bridge.verification.roles import REFERENCE, TWIN
 
 #: the shipped scene that is solved, and the time step of LAMMPS, s

@@ -24,23 +24,13 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
+from dem_bridge.verification.chains import body_noun, time_after_front
 from dem_bridge.verification.roles import REFERENCE, THEORY, TWIN
 
 #: in place of a scene, for observables that are read off a run alone
 NO_SCENE = cast(Scene, None)
 #: labels of backends in figures
 LABELS = {**dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"), REFERENCE: "reference", THEORY: "BCA"}
-
-
-def body_noun(scene: Scene) -> str:
-    """Return "cylinder" or "sphere" if all bodies but the first have this shape, else "body".
-
-    >>> import dem_bridge as db
-    >>> [body_noun(db.load_scene(name)) for name in ("decelerating-40", "dimer-1-1", "sphere-cylinder-sphere")]
-    ['cylinder', 'sphere', 'body']
-    """
-    shapes = set() if scene.geometry is None else {body.shape for body in scene.geometry.bodies[1:]}
-    return shapes.pop() if len(shapes) == 1 else "body"
 
 
 def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
@@ -53,7 +43,7 @@ def spacetime_maps(studies: Sequence[SceneStudy]) -> Figure | None:
     shown = [(study, run) for study, run in runs if run is not None and study.scene.n_body > 2]
     if not shown:
         return None
-    ends = [_time_after_front(run) for _, run in shown]
+    ends = [time_after_front(run) for _, run in shown]
     if max(ends) < 2.0 * min(ends):
         ends = [max(ends)] * len(ends)  # chains of similar duration share the time axis
     panels = []
@@ -86,7 +76,7 @@ def spacetime_panel(
     ``until`` is the last time, s; the default is shortly after the front has passed. ``fronts`` are the runs of
     theories whose arrivals are drawn as lines, by name. ``body`` is the label of the axis of bodies.
     """
-    end = _time_after_front(run) if until is None else until
+    end = time_after_front(run) if until is None else until
     rows = max(1, int(np.searchsorted(run.time, end, side="right")))
     bodies = np.arange(float(first), run.velocity.shape[1])
     arrival = OBSERVABLES["arrival"].value
@@ -267,12 +257,6 @@ def budget_on(ax: Axes, budget: Budget, limits: tuple[float, float] | None = Non
     ax.xaxis.set_major_locator(LogLocator(numticks=5))
     ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
     ax.grid(axis="x", alpha=0.25)
-
-
-def _time_after_front(run: Trajectory) -> float:
-    """Return a time shortly after the front has reached the last body, s, or the end if it never does."""
-    last = float(run.crossing_time[-1]) if len(run.crossing_time) else np.nan
-    return min(1.15 * last, float(run.time[-1])) if np.isfinite(last) else float(run.time[-1])
 
 
 def _values(budget: Budget) -> dict[str, float]:

@@ -1,48 +1,40 @@
-"""Draw the figure with which the report of a scene opens: motion, forces, and the errors of LAMMPS on one scale."""
+"""Draw the velocities and the contact forces of a scene."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.study import FigureData, Map, Panel, Series
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.chains import FEW, body_noun
 from dem_bridge.verification.closed_form import closed_form
-from dem_bridge.verification.figures import body_noun, spacetime_panel
-from dem_bridge.verification.roles import REFERENCE, SCIPY, THEORY
+from dem_bridge.verification.figures import spacetime_panel
+from dem_bridge.verification.roles import REFERENCE, THEORY
 
-#: most bodies or contacts that are drawn as lines
-_LINES = 7
 #: forms of lines that differ in grey
 _FORMS = (0, 3, 4, 5)
 
 
 def motion(studies: Sequence[SceneStudy]) -> Figure | None:
-    """Draw the velocities, the contact forces and the errors of LAMMPS of one scene; None without a run."""
+    """Draw the velocities and the contact forces of one scene; None without a run."""
     [study] = studies
     run = study.run(study.engine) or study.run(REFERENCE)
     if run is None:
         return None
-    panels = [_velocities(study, run), _forces(study.scene, run)]
-    scale = error_scale(study)
-    if scale is None:
-        layout = FigureData(id="", title="", caption="", panels=tuple(panels), columns=2)
-    else:
-        layout = FigureData(id="", title="", caption="", panels=(*panels, scale), columns=1, last_beside=True)
-    return draw_figure(layout)
+    panels = (_velocities(study, run), _forces(study.scene, run))
+    return draw_figure(FigureData(id="", title="", caption="", panels=panels, columns=2))
 
 
 def _velocities(study: SceneStudy, run: Trajectory) -> Panel:
     """Return v(t) of every body, or the map of many."""
     scene = study.scene
-    if scene.n_body > _LINES:
+    if scene.n_body > FEW:
         theory = study.run(THEORY)
         fronts = {} if theory is None else {THEORY: theory}
         return spacetime_panel(run, "Velocity", fronts=fronts, first=0 if scene.drive else 1, body=body_noun(scene))
@@ -56,7 +48,7 @@ def _velocities(study: SceneStudy, run: Trajectory) -> Panel:
 def _forces(scene: Scene, run: Trajectory) -> Panel:
     """Return F(t) of every contact, or the map of many."""
     count = run.contact_force.shape[1]
-    if count > _LINES:
+    if count > FEW:
         end = 1.15 * float(np.nanmax(run.crossing_time, initial=0.0)) or float(run.time[-1])
         rows = max(2, int(np.searchsorted(run.time, end, side="right")))
         forces = Map(
@@ -82,41 +74,3 @@ def _lines(names: Sequence[str], run: Trajectory, values: Floats) -> list[Series
 def _level(label: str, run: Trajectory, value: float) -> Series:
     """Return a horizontal line over the whole time."""
     return Series(label=label, style="guide", x=1e3 * run.time[[0, -1]], y=np.full(2, value))
-
-
-def error_scale(study: SceneStudy) -> Panel | None:
-    """Return the parts of the velocity error on one logarithmic scale; None where none is known."""
-    rows = dict(_errors(study))
-    if not rows:
-        return None
-    y = np.arange(float(len(rows)))
-    series = [Series(label="velocity error", style="mark-2", x=np.array(list(rows.values())), y=y)]
-    tolerances = [v.tolerance for v in study.verdicts if (v.quantity, v.reference) == ("velocity", REFERENCE)]
-    positive = [value for value in tolerances if value is not None and math.isfinite(value) and value > 0.0]
-    if positive:
-        ends = np.array([-0.5, len(rows) - 0.5])
-        series.append(Series(label="tolerance", style="guide", x=np.full(2, max(positive)), y=ends))
-    return Panel(
-        title="Errors of velocity on one scale",
-        x_label="error / largest velocity (1)",
-        y_label="",
-        series=tuple(series),
-        rows=tuple(rows),
-    )
-
-
-def _errors(study: SceneStudy) -> Iterator[tuple[str, float]]:
-    """Yield the rows of the scale with their values, which are above zero."""
-    if study.budgets:
-        budget = study.budgets[0]
-        parts = {"uncertainty of reference": "reference", "round-off": "round-off", "force tables": "table"}
-        for label, part in (parts | {"time step": "time step"}).items():
-            if 0.0 < budget.parts[part] < math.inf:
-                yield label, budget.parts[part]
-        if 0.0 < budget.found < math.inf:
-            yield "LAMMPS, total", budget.found
-    for verdict in study.verdicts:
-        if (verdict.quantity, verdict.backend, verdict.reference) != ("velocity", SCIPY, REFERENCE):
-            continue
-        if verdict.outcome is not Outcome.NOT_RUN and 0.0 < verdict.difference < math.inf:
-            yield "second reference", verdict.difference

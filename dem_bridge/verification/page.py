@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from functools import partial
 from typing import Any
 
@@ -10,12 +9,15 @@ from markupsafe import Markup
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.foundation.notebook import scene_sketch
-from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.live import Chain, error_scale_of, shown_chains
 from dem_bridge.report.page import study_files
 from dem_bridge.report.pages import KINDS, valued
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
 from dem_bridge.verification import crate
+from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.banner import banner_of
+from dem_bridge.verification.chains import chains_of, error_scale
 from dem_bridge.verification.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.verification.pictures import picture_of_runs
 from dem_bridge.verification.roles import BLANES_MOAN, POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
@@ -43,22 +45,34 @@ def verification_files(study: Verification, store: Store | None = None) -> dict[
     return files
 
 
+def _with_figures(study: Verification) -> list[SceneStudy]:
+    """Return the scenes with figures of their own: those with refinement levels, if the whole paper was verified."""
+    refined = [item for item in study.studies if any(len(steps) > 1 for steps, _ in item.refinement.values())]
+    return refined if study.claims else list(study.studies)
+
+
+def _played(study: Verification) -> list[Chain]:
+    """Return what the page plays."""
+    by_name = {item.scene.name: item for item in study.studies}
+    names = [name for name in study.played if name in by_name] or list(by_name)
+    return [chain for name in names for chain in chains_of(by_name[name])]
+
+
 def _shown(study: Verification, store: Store | None) -> dict[str, Any]:
     """Return what the page shows beside the parts that every study has."""
-    counts = Counter(verdict.outcome for verdict in study.verdicts)
     # scenes of the paper without refinement levels have no figures of their own
-    with_figures = [
-        chain
-        for chain in study.studies
-        if not study.claims or any(len(steps) > 1 for steps, _ in chain.refinement.values())
-    ]
+    with_figures = _with_figures(study)
+    scales = [panel for figure in study.figures if figure.id == "scale" for panel in figure.panels]
+    errors = scales[0] if scales else error_scale(study.studies)
     return {
+        "banners": [banner_of(chain, study.accuracy) for chain in study.studies],
+        "chains": shown_chains(_played(study)),
+        "scale": None if errors is None else error_scale_of(errors),
         "picture_of": partial(picture_of_runs, store=store),
         "paper": bool(study.claims),
         "scope": scope(study),
         "sketch": lambda chain: Markup(scene_sketch(chain.scene)),
         "tables": [table for table in study.tables if table.id not in _SHOWN_OTHERWISE],
-        "counts": [(outcome, counts[outcome]) for outcome in Outcome if counts[outcome]],
         "kinds": KINDS,
         "valued": valued(study.claims),
         "with_figures": with_figures,

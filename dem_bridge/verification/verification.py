@@ -15,7 +15,7 @@ from typing import Any
 from dem_bridge.backends.base import versions_of
 from dem_bridge.lmp.coefficients import MODELS, damping_model
 from dem_bridge.observables.verdict import Outcome, Verdict
-from dem_bridge.report.study import Claim, Study, Table
+from dem_bridge.report.study import Claim, Headline, Points, Study, Table
 from dem_bridge.report.texts import Texts, verdict_table
 from dem_bridge.runs.store import Store
 from dem_bridge.trajectory.trajectory import Trajectory
@@ -38,8 +38,12 @@ class Verification(Study):
     """Wanted accuracy of velocities, relative to the largest."""
     wall: float
     """s, for all of it."""
-    abstract: tuple[str, ...] = ()
-    """Question, method, result, what fails and what is not verified, if the whole paper was verified."""
+    played: tuple[str, ...] = ()
+    """Names of the scenes whose motion the page plays, in their order; empty: all."""
+    headlines: tuple[Headline, ...] = ()
+    """Numbers that the page shows large, if the whole paper was verified."""
+    abstract: tuple[Points, ...] = ()
+    """Question, method, result and further parts in points, if the whole paper was verified."""
     claims: tuple[Claim, ...] = ()
     """Statements of the paper, if the whole paper was verified."""
     not_verified: tuple[str, ...] = ()

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.report.study import Claim, ClaimValue, FigureData, Map, Panel, Series, Table
+from dem_bridge.report.study import Claim, ClaimValue, FigureData, Headline, Map, Panel, Points, Series, Table
 from dem_bridge.studies.paper.claims import KINDS
+from dem_bridge.studies.paper.opening import wrong_table
 from dem_bridge.studies.paper.study import claims_table
 from dem_bridge.verification.verification import Verification, verification_of
 
@@ -49,12 +50,20 @@ def fake_paper(verification: Verification = NOTHING) -> Verification:
             "LAMMPS, ode45 and binary collisions differ from the reference by 1.1e-6, 3.6e-3 and 6.1e-2.",
             "Dissipation, which the paper leaves out, takes 12 % of the front's energy over 40 cylinders.",
         ),
+        headlines=(
+            Headline(
+                number="1.1e-06", sentence="largest velocity error of LAMMPS. Cause: the time step & nothing else."
+            ),
+            Headline(number="2.3 %", sentence="largest error of the BCA in the arrival at the last cylinder."),
+            Headline(number="8 of 20", sentence="statements of the paper hold; 4 do not."),
+        ),
         abstract=(
-            "Does LAMMPS solve the equations of motion, and do 20 statements hold?",
-            "12 scenes were solved by 3 codes, with 5e-06 fixed beforehand.",
-            "Of 400 comparisons 385 pass, and 8 of the 20 statements hold.",
-            "4 statements do not hold: the mass & the weight.",
-            "Not verified are the experiments, and 27 of 40 contacts that are too short.",
+            Points(heading="Question", points=("Does LAMMPS solve the equations?", "Do 20 statements hold?", "Where?")),
+            Points(heading="Method", points=("12 scenes by 3 codes.", "5e-06 was fixed beforehand.", "2 references.")),
+            Points(
+                heading="Result", points=("Of 400 comparisons 385 pass.", "8 of 20 hold.", "The mass & the weight.")
+            ),
+            Points(heading="Criteria", points=("They are ours.",)),
         ),
         not_verified=(
             "The experiment: its chains are compared by what is printed, for no raw data are published.",
@@ -62,8 +71,8 @@ def fake_paper(verification: Verification = NOTHING) -> Verification:
             *verification.not_verified,
         ),
         claims=claims,
-        tables=(claims_table(claims), _budget(), *_tables(), *verification.tables),
-        figures=tuple(_figure(i) for i in range(2, 7)),
+        tables=(claims_table(claims), wrong_table(claims), _budget(), *_tables(), *verification.tables),
+        figures=(_figure(2), _scale(), *(_figure(i) for i in range(3, 7))),
     )
 
 
@@ -160,6 +169,20 @@ def _tables() -> tuple[Table, ...]:
         ),
         Table(id="empty", title="Nothing", caption="No rows.", columns=("a", "b"), rows=()),
     )  # fmt: skip
+
+
+def _scale() -> FigureData:
+    """Return errors on one scale, with headings that have no value."""
+    rows = ("Errors:", "reference", "LAMMPS, round-off", "LAMMPS, time step", "ode45", "Effects:", "BCA: arrival")
+    kinds = ("", "round-off", "round-off", "time step", "", "", "model")
+    x, y = np.array([1e-12, 1.7e-9, 1.1e-6, 3.6e-3, 2.3e-2]), np.array([1.0, 2.0, 3.0, 4.0, 6.0])
+    series = (
+        Series(label="slow", style="mark-2", x=x, y=y),
+        Series(label="fast", style="mark-3", x=0.4 * x, y=y),
+        Series(label="tolerance", style="guide", x=np.full(2, 5e-6), y=np.array([1.5, 3.5])),
+    )
+    panel = Panel(title="(e)", x_label="difference", y_label="", series=series, rows=rows, row_kinds=kinds)
+    return FigureData(id="scale", title="Every difference on one scale", caption="Numerical errors.", panels=(panel,))
 
 
 def _figure(i: int) -> FigureData:

@@ -17,8 +17,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
+from dem_bridge.report.colours import colour_limits
 from dem_bridge.report.drawing import draw_figure
-from dem_bridge.report.drawing_styles import STYLES, colour_limits, style_of
+from dem_bridge.report.drawing_styles import STYLES, style_of
 from dem_bridge.report.images import picture_of_data
 from dem_bridge.report.page import csv_texts
 from dem_bridge.report.study import FigureData, Map, Panel, Series

@@ -223,25 +223,43 @@ def _text(folder: Path) -> str:
     return (folder / "index.html").read_text(encoding="utf-8")
 
 
-def test_a_paper_opens_with_its_abstract_and_one_figure_and_details_stand_in_the_appendix(whole: Path) -> None:
+def test_a_paper_opens_with_its_numbers_and_details_stand_in_the_appendix(whole: Path) -> None:
     text, paper = _text(whole), fake_paper()
-    order = ["abstract", "claims of the paper", "figures", "what is not verified", "scope", "appendix"]
+    order = [
+        "20 statements of the paper", "question", "method", "result",
+        "what is wrong in the paper, or beyond our limits", "figures", "claims of the paper", "what is not verified",
+        "scope", "appendix",
+    ]  # fmt: skip
     headings = [unescape(re.sub("<.*?>", "", one)).lower() for one in re.findall(r"<h2[^>]*>(.*?)</h2>", text)]
     assert headings == order
-    first, main = text.split('id="claims"')[0], text.split('id="appendix"')[0]
-    for sentence in paper.abstract:
-        assert first.count(f"<dd>{typeset(sentence)}</dd>") == 1, sentence
-    # a sketch of a chain, the maps, and the scale of differences beside them
+    first, main = text.split('id="figures"')[0], text.split('id="appendix"')[0]
+    opening = text.split('<p class="lead">')[0]
+    assert "<b>17 of" not in opening
+    assert '<span class="pill PASS">17 of 17 checks pass</span>' in opening
+    for headline in paper.headlines:
+        assert f"<li><b>{typeset(headline.number)}</b>{typeset(headline.sentence)}</li>" in opening
+    assert opening.count('class="cell ') == len(paper.claims) + len({claim.kind for claim in paper.claims})
+    for part in paper.abstract:
+        for point in part.points:
+            assert (first if part in paper.abstract[:3] else text).count(f"<li>{typeset(point)}</li>") == 1, point
+    # the sketch of a chain; each figure has its picture, but for the scale of errors, which is text
     assert first.count('<svg class="sketch" role="img" aria-label="A sphere') == 1
-    assert first.count("<svg ") == 3
-    assert main.count("<svg ") == 1 + len(paper.figures)
+    assert main.split('id="figures"')[1].count("<svg ") == len(paper.figures) - 1
     for sentence in paper.not_verified:
         assert main.count(_escaped(sentence)) == 1, sentence
     # whatever is long is folded, behind the main part
     assert "<details" not in main
     parts = re.findall(r'<details class="part" id="([^"]+)">', text.split('id="appendix"')[1])
     assert {"claims-in-full", "verdicts", "budgets", "provenance", "shared"} < set(parts)
-    assert {f"table-{table.id}" for table in paper.tables if table.id not in ("claims", "verdicts")} <= set(parts)
+    shown = ("claims", "verdicts", "wrong")
+    assert {f"table-{table.id}" for table in paper.tables if table.id not in shown} <= set(parts)
+
+
+def test_navigation_has_five_entries_before_version_and_date(whole: Path, page: Path) -> None:
+    for file in (whole / "index.html", page):
+        [nav] = re.findall(r"<body>\s*<nav[^>]*>(.*?)</nav>", file.read_text(encoding="utf-8"), re.DOTALL)
+        assert nav.count("<a ") == 5
+        assert re.search(rf'class="about">dem_bridge {re.escape(db.__version__)} .*20\d\d-\d\d-\d\d<', nav)
 
 
 def test_the_strip_of_claims_keeps_its_meaning_without_colour(whole: Path) -> None:
@@ -257,10 +275,16 @@ def test_the_strip_of_claims_keeps_its_meaning_without_colour(whole: Path) -> No
 
 
 def test_every_picture_is_a_vector_with_an_alternative_text_and_letters_of_8_points(whole: Path) -> None:
-    pictures = re.findall(r'<svg (?!class="sketch").*?</svg>', _text(whole), re.DOTALL)
+    pictures = _pictures(whole)
     assert len(pictures) >= len(fake_paper().figures)
     for picture in pictures:
         check_picture(picture)
+
+
+def _pictures(folder: Path) -> list[str]:
+    """Return the pictures of a page, without the sketch and what it plays, whose axes are text of the page."""
+    drawn = re.sub(r'<div class="frame">.*?</div>', "", _text(folder), flags=re.DOTALL)
+    return re.findall(r'<svg (?!class="sketch").*?</svg>', drawn, re.DOTALL)
 
 
 def check_picture(picture: str) -> None:
@@ -285,7 +309,7 @@ def check_picture(picture: str) -> None:
 def test_a_picture_with_small_letters_no_words_or_too_wide_is_caught(
     whole: Path, right: str, planted: str, said: str
 ) -> None:
-    picture = re.findall(r'<svg (?!class="sketch").*?</svg>', _text(whole), re.DOTALL)[0]
+    picture = _pictures(whole)[0]
     check_picture(picture)
     with pytest.raises(AssertionError, match=said):
         check_picture(picture.replace(right, planted))
@@ -308,7 +332,7 @@ def _escaped(text: str) -> str:
 def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(pictures: Store, tmp_path: Path, whole: Path) -> None:
     assert "These verdicts do not pass" not in _text(whole)
     broken = fake_paper(_verification(PAIR, broken=True))
-    first = _written(broken, tmp_path, pictures).read_text(encoding="utf-8").split('id="claims"')[0]
+    first = _written(broken, tmp_path, pictures).read_text(encoding="utf-8").split('id="figures"')[0]
     assert re.search('<span class="outcome BROKEN">BROKEN</span> three: [^<]*ERROR: Lost atoms', first)
 
 

@@ -7,7 +7,6 @@ path of ``axe.min.js`` in the variable AXE_CORE. With DEM_BRIDGE_REQUIRE_BROWSER
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -18,10 +17,9 @@ from typing import Any
 import pytest
 
 from dem_bridge.report.page import write_study
+from tests.helpers.browser import BROWSER, REQUIRED, asked, browse, needs_axe, violations
 from tests.helpers.fake_paper import fake_paper
 
-REQUIRED = os.environ.get("DEM_BRIDGE_REQUIRE_BROWSER") == "1"
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None and not REQUIRED, reason="no Chromium")]
 
 
@@ -30,29 +28,6 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("page")
     write_study(fake_paper(), folder)
     return folder / "index.html"
-
-
-ROOT = Path(__file__).parents[2]
-AXE = Path(os.environ.get("AXE_CORE", ROOT / "node_modules/axe-core/axe.min.js"))
-
-
-def _browse(*words: str) -> str:
-    assert BROWSER is not None
-    quiet = ("--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync")
-    given = (BROWSER, "--headless", "--no-sandbox", "--disable-gpu", *quiet, *words)
-    return subprocess.run(given, capture_output=True, text=True, check=True, timeout=120).stdout
-
-
-def _asked(page: Path, folder: Path, script: str, *words: str, hash: str = "") -> Any:
-    """What a script finds on the page once it is shown."""
-    text = page.read_text(encoding="utf-8").replace(
-        "</body>",
-        f"<pre id=told></pre><script>told.textContent = JSON.stringify((() => {{{script}}})())</script></body>",
-    )
-    (folder / "asked.html").write_text(text, encoding="utf-8")
-    address = (folder / "asked.html").as_uri() + hash
-    shown = _browse(f"--user-data-dir={folder / 'profile'}", *words, "--dump-dom", address)
-    return json.loads(unescape(re.findall(r'<pre id="told">(.*?)</pre>', shown, re.DOTALL)[0]))
 
 
 #: notes errors, failed loads and complaints from the first line of the page on
@@ -77,7 +52,7 @@ def _faults(page: Path, folder: Path, more: str = "") -> Any:
     text = page.read_text(encoding="utf-8").replace("<head>", f"<head>{_WATCH}", 1)
     assert _WATCH in text
     watched.write_text(text.replace("</body>", f"{more}</body>"), encoding="utf-8")
-    return _asked(watched, folder, _FAULTS, "--virtual-time-budget=10000")
+    return asked(watched, folder, _FAULTS, "--virtual-time-budget=10000")
 
 
 def test_the_console_has_no_error_and_nothing_is_loaded(page: Path, tmp_path: Path) -> None:
@@ -107,7 +82,7 @@ return cut;
 
 @pytest.mark.parametrize("width", [1280, 800, 500])
 def test_nothing_is_cut_nor_wider_than_the_window(page: Path, tmp_path: Path, width: int) -> None:
-    assert _asked(page, tmp_path, _CUT, f"--window-size={width},900") == []
+    assert asked(page, tmp_path, _CUT, f"--window-size={width},900") == []
 
 
 def _cut_on_a_phone(page: Path, folder: Path, more: str = "") -> Any:
@@ -119,7 +94,7 @@ def _cut_on_a_phone(page: Path, folder: Path, more: str = "") -> Any:
     listening = "<script>onmessage = (event) => { told.textContent = event.data; };</script>"
     (folder / "outer.html").write_text(f"<!DOCTYPE html>{listening}{frame}", encoding="utf-8")
     where = (f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=5000", "--window-size=600,900")
-    shown = _browse(*where, "--dump-dom", (folder / "outer.html").as_uri())
+    shown = browse(*where, "--dump-dom", (folder / "outer.html").as_uri())
     return json.loads(unescape(re.findall(r'<pre id="told">(.*?)</pre>', shown, re.DOTALL)[0]))
 
 
@@ -146,7 +121,7 @@ button(budget, 2).click();
 return [severity, together, up, column(budget, 2), button(budget, 2).tabIndex,
         [...budget.tHead.rows[0].cells].map((one) => one.getAttribute("aria-sort"))];
 """
-    severity, together, up, holes, tab, aria = _asked(page, tmp_path, script)
+    severity, together, up, holes, tab, aria = asked(page, tmp_path, script)
     assert list(dict.fromkeys(severity)) == ["exceeds our limit", "undecided", "not run", "theory off", "holds"]
     assert together
     assert up == ["2.2e-11", "1.5e-06", "0.0036", "0.008", "0.021", "0.031", "0.068"]
@@ -157,13 +132,13 @@ return [severity, together, up, column(budget, 2), button(budget, 2).tabIndex,
 
 def test_a_link_into_a_fold_opens_it(page: Path, tmp_path: Path) -> None:
     script = 'return ["table-scatter", "table-validity"].map((id) => document.getElementById(id).open);'
-    assert _asked(page, tmp_path, script, hash="#table-scatter") == [True, False]
+    assert asked(page, tmp_path, script, hash="#table-scatter") == [True, False]
 
 
 def _printed(page: Path, folder: Path) -> Path:
     """Print a page, and return the PDF."""
     pdf = folder / "page.pdf"
-    _browse(f"--user-data-dir={folder / 'profile'}", "--no-pdf-header-footer", f"--print-to-pdf={pdf}", page.as_uri())
+    browse(f"--user-data-dir={folder / 'profile'}", "--no-pdf-header-footer", f"--print-to-pdf={pdf}", page.as_uri())
     return pdf
 
 
@@ -225,32 +200,10 @@ def test_something_too_wide_for_a_sheet_or_too_small_to_read_is_caught(page: Pat
     assert _smallest(boxes) == pytest.approx(7.0, abs=0.05)
 
 
-#: the rules of axe that are violated, once all is unfolded
-_VIOLATED = """
-for (const one of document.querySelectorAll("details")) one.open = true;
-axe.run().then((found) => { told.textContent = JSON.stringify(found.violations.map((one) => one.id)); });
-return ["axe has not answered"];
-"""
-
-
-def _violations(page: Path, folder: Path, dark: bool = False) -> Any:
-    text = page.read_text(encoding="utf-8")
-    axe = AXE.read_text(encoding="utf-8").replace("</script", "<\\/script")
-    with_axe = folder / "axe.html"
-    with_axe.write_text(text.replace("</body>", f"<script>{axe}</script></body>"), encoding="utf-8")
-    colours = f"--blink-settings=preferredColorScheme={0 if dark else 1}"
-    return _asked(with_axe, folder, _VIOLATED, colours, "--virtual-time-budget=60000")
-
-
-needs_axe = pytest.mark.skipif(
-    not AXE.is_file() and not REQUIRED, reason="no axe-core: npm install --no-save axe-core@4.14.1"
-)
-
-
 @needs_axe
 @pytest.mark.parametrize("dark", [False, True])
 def test_axe_finds_nothing(page: Path, tmp_path: Path, dark: bool) -> None:
-    assert _violations(page, tmp_path, dark) == []
+    assert violations(page, tmp_path, dark) == []
 
 
 @needs_axe
@@ -258,4 +211,4 @@ def test_axe_finds_a_picture_without_words_and_a_page_without_a_language(page: P
     bad = tmp_path / "bad.html"
     text = page.read_text(encoding="utf-8").replace('<html lang="en">', "<html>").replace("aria-label=", "data-label=")
     bad.write_text(text, encoding="utf-8")
-    assert {"html-has-lang", "svg-img-alt"} <= set(_violations(bad, tmp_path))
+    assert {"html-has-lang", "svg-img-alt"} <= set(violations(bad, tmp_path))

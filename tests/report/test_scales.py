@@ -10,10 +10,10 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from dem_bridge.report.colours import colour_limits
 from dem_bridge.report.drawing import NOTEBOOK_WIDTH, WIDTH, draw_figure, draw_panel, new_axes
 from dem_bridge.report.drawing_styles import (
     STYLES,
-    colour_limits,
     groups_of_scale,
     power_of_ten,
     scale_together,

@@ -20,6 +20,7 @@ from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
+from dem_bridge.verification.chains import error_scale
 from dem_bridge.verification.figures import (
     convergence,
     error_budget,
@@ -27,7 +28,7 @@ from dem_bridge.verification.figures import (
     residence_panel,
     spacetime_maps,
 )
-from dem_bridge.verification.motion import error_scale, motion
+from dem_bridge.verification.motion import motion
 from dem_bridge.verification.roles import assign_roles
 
 
@@ -241,18 +242,19 @@ def test_errors_stand_on_one_scale_in_their_own_rows() -> None:
         for backend, difference, tolerance in (("lammps-granular", 1e-6, 1e-5), ("scipy", 5e-11, 1e-7))
     )  # fmt: skip
     study = SceneStudy(roles=assign_roles(SIX), verdicts=verdicts, budgets=(_budget("velocity", 1.1e-6),))
-    panel = error_scale(study)
+    panel = error_scale([study])
     assert panel is not None
     errors, tolerance = panel.series
     shown = dict(zip(panel.rows, errors.x.tolist(), strict=True))
     # what is nothing, or unknown, has no row; the tolerance is that of the least strict check
     assert shown == {
-        "uncertainty of reference": 1e-12, "round-off": 2e-10, "time step": 1e-6, "LAMMPS, total": 1.1e-6,
-        "second reference": 5e-11,
+        "reference (estimate)": 1e-12, "reference, second method": 5e-11, "LAMMPS, round-off": 2e-10,
+        "LAMMPS, time step": 1e-6,
     }  # fmt: skip
-    assert errors.y.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
-    assert (tolerance.x.tolist(), tolerance.y.tolist()) == ([1e-5, 1e-5], [-0.5, 4.5])
-    assert error_scale(SceneStudy(roles=assign_roles(SIX), verdicts=())) is None
+    assert panel.row_kinds == ("round-off", "round-off", "round-off", "time step")
+    assert errors.y.tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert (tolerance.x.tolist(), tolerance.y.tolist()) == ([1e-5, 1e-5], [-0.5, 3.5])
+    assert error_scale([SceneStudy(roles=assign_roles(SIX), verdicts=())]) is None
 
 
 def test_velocities_are_those_of_the_bodies_that_are_named() -> None:

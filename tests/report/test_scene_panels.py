@@ -24,15 +24,15 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
+from dem_bridge.verification.chains import body_noun, error_scale
 from dem_bridge.verification.figures import (
-    body_noun,
     budget_on,
     convergence,
     error_budget,
     front_along_chain,
     spacetime_maps,
 )
-from dem_bridge.verification.motion import error_scale, motion
+from dem_bridge.verification.motion import motion
 from dem_bridge.verification.roles import assign_roles
 from tests.report.test_scene_figures import SIX, TEN, _budget, _chain, _panels, _points, _study
 
@@ -218,15 +218,12 @@ def test_up_to_seven_bodies_or_contacts_are_lines(contacts: int, velocity_map: b
         assert [line.get_linestyle() for line in lines] == styles
 
 
-def test_the_scale_of_errors_stands_beside_the_motion() -> None:
-    study = replace(_study(_chain("five", *(4e10,) * 4), "reference"), budgets=(_budget("velocity", 1e-6),))
-    figure = motion([study])
+def test_velocities_and_forces_stand_side_by_side() -> None:
+    figure = motion([_study(SIX, "reference")])
     assert figure is not None
-    left, right = figure.subfigs
-    assert [ax.get_title(loc="left") for ax in left.axes] == ["Velocity of the bodies", "Force of the contacts"]
-    assert [ax.get_title(loc="left") for ax in right.axes] == ["Errors of velocity on one scale"]
-    places = [ax.get_subplotspec() for ax in left.axes]
-    assert [(place.rowspan.start, place.colspan.start) for place in places if place] == [(0, 0), (1, 0)]
+    assert [ax.get_title(loc="left") for ax in figure.axes] == ["Velocity of the bodies", "Force of the contacts"]
+    places = [ax.get_subplotspec() for ax in figure.axes]
+    assert [(place.rowspan.start, place.colspan.start) for place in places if place] == [(0, 0), (0, 1)]
 
 
 def _verdict(difference: float, tolerance: Any = None, **more: Any) -> Verdict:
@@ -243,14 +240,21 @@ def test_only_errors_that_are_known_and_not_zero_have_rows(found: float, value: 
     budget = replace(
         _budget("velocity", found), parts=dict.fromkeys(("reference", "round-off", "table", "time step"), value)
     )
-    panel = error_scale(SceneStudy(roles=assign_roles(SIX), verdicts=(_verdict(value),), budgets=(budget,)))
-    expected = [] if value != 3e-7 else ["uncertainty of reference", "round-off", "force tables", "time step"]
-    expected += ["LAMMPS, total"] * (found == 2e-6) + ["second reference"] * (value == 3e-7)
+    panel = error_scale([SceneStudy(roles=assign_roles(SIX), verdicts=(_verdict(value),), budgets=(budget,))])
+    expected = ["reference (estimate)", "reference, second method", "LAMMPS, round-off", "LAMMPS, force tables"]
+    expected = [*expected, "LAMMPS, time step"] if value == 3e-7 else []
     assert (panel is None) is (not expected)
     if panel is not None:
         assert list(panel.rows) == expected
-        assert panel.series[0].x.tolist() == [found if name == "LAMMPS, total" else value for name in expected]
-        assert (panel.x_label, panel.y_label, len(panel.series)) == ("error / largest velocity (1)", "", 1)
+        assert panel.series[0].x.tolist() == [value] * len(expected)
+        assert (panel.x_label, panel.y_label, len(panel.series)) == ("relative error", "", 1)
+
+
+def test_an_error_that_no_part_explains_has_a_row() -> None:
+    budget = replace(_budget("velocity", 1e-6), unexplained=1e-7)
+    panel = error_scale([SceneStudy(roles=assign_roles(SIX), verdicts=(), budgets=(budget,))])
+    assert panel is not None
+    assert dict(zip(panel.rows, panel.series[0].x.tolist(), strict=True))["LAMMPS, unexplained"] == 1e-7
 
 
 def test_the_tolerance_is_the_largest_of_those_that_are_numbers() -> None:
@@ -258,16 +262,16 @@ def test_the_tolerance_is_the_largest_of_those_that_are_numbers() -> None:
         _verdict(1e-9, None), _verdict(2e-9, math.inf), _verdict(2e-9, 0.0), _verdict(2e-9, 1e-7), _verdict(2e-9, 3e-8),
         _verdict(2e-9, 1.0, quantity="displacement"), _verdict(2e-9, 1.0, reference="verlet"),
     )  # fmt: skip
-    panel = error_scale(SceneStudy(roles=assign_roles(SIX), verdicts=verdicts))
+    panel = error_scale([SceneStudy(roles=assign_roles(SIX), verdicts=verdicts)])
     assert panel is not None
     assert panel.series[1].x.tolist() == [1e-7, 1e-7]
     # without one, or where no run was compared
     for verdict in (_verdict(1e-9, math.nan), _verdict(1e-9, 0.0), _verdict(1e-9, None)):
-        lone = error_scale(SceneStudy(roles=assign_roles(SIX), verdicts=(verdict,)))
+        lone = error_scale([SceneStudy(roles=assign_roles(SIX), verdicts=(verdict,))])
         assert lone is not None
         assert len(lone.series) == 1
     assert (
-        error_scale(SceneStudy(roles=assign_roles(SIX), verdicts=(_verdict(1e-9, 1.0, outcome=Outcome.NOT_RUN),)))
+        error_scale([SceneStudy(roles=assign_roles(SIX), verdicts=(_verdict(1e-9, 1.0, outcome=Outcome.NOT_RUN),))])
         is None
     )
 

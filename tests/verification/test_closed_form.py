@@ -15,8 +15,9 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.chains import error_scale
 from dem_bridge.verification.closed_form import closed_form, closed_form_table
-from dem_bridge.verification.motion import _forces, _velocities, error_scale, motion
+from dem_bridge.verification.motion import _forces, _velocities, motion
 from dem_bridge.verification.roles import REFERENCE, assign_roles
 from tests.helpers.legibility import assert_legible
 
@@ -133,7 +134,7 @@ def test_the_figure_of_a_collision_has_its_closed_form_beside_velocities_and_for
     force = _forces(PAIR, run)
     assert [line.label for line in force.series] == ["contact 0", "closed form"]
     assert force.series[1].y[0] == pytest.approx(run.peak_force[0], rel=1e-12)
-    assert error_scale(study) is None
+    assert error_scale([study]) is None
     figure = motion([study])
     assert figure is not None
     assert_legible(figure)

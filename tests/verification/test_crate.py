@@ -56,7 +56,7 @@ def check_crate(crate: dict[str, Any], folder: Path) -> None:
 def test_the_crate_of_a_paper_describes_every_file(folder: Path) -> None:
     crate = json.loads((folder / NAME).read_text(encoding="utf-8"))
     check_crate(crate, folder)
-    assert fake_paper().abstract[0] in crate["@graph"][1]["description"]
+    assert fake_paper().abstract[0].points[0] in crate["@graph"][1]["description"]
 
 
 def test_a_crate_with_a_missing_entity_or_another_file_is_caught(folder: Path) -> None:

@@ -25,21 +25,16 @@ GRADIENTS = (
 )
 #: ends of maps, in units of the arrival at the last body: on that of the short chain the secondary pulses are visible
 _SHORT, _LONG = 1.3, 1.1
-#: width of figure 2, right of which the scale of differences stands, as a part of the width of a sheet
-_BESIDE = 0.44
 
 
 def figure_2(decelerating: ChainRuns, accelerating: ChainRuns) -> FigureData:
-    """Return figure 2: velocity over cylinder and time with the front by BCA (b and d are measurements).
-
-    The maps are above one another, so that the scale of differences has room right of them.
-    """
+    """Return figure 2: velocity over cylinder and time with the front by BCA (b and d are measurements)."""
     end = panel.window((decelerating, accelerating), _SHORT)
     panels = [
         panel.velocity_map(title, chain, end, shares=(0, 1), theories=("bca",))
         for title, chain in _titled("a", "c", (decelerating, accelerating))
     ]
-    return replace(PAPER.figure("figure-2", panels), columns=1, width=_BESIDE)
+    return PAPER.figure("figure-2", panels)
 
 
 def figure_3(decelerating: ChainRuns, accelerating: ChainRuns) -> FigureData:

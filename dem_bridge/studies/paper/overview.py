@@ -1,29 +1,20 @@
-"""Page one of the report: the abstract in five sentences, and every difference on one scale.
-
-All numbers follow from verdicts, claims, effects and the validity of contacts.
-"""
+"""Figures of the report beside those of the paper: all differences on one scale, effects, limits of the model."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dem_bridge.observables.differences import difference
 from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
-from dem_bridge.observables.verdict import Outcome
-from dem_bridge.report.study import Claim, FigureData, Map, Series
+from dem_bridge.report.study import FigureData, Map, Series
 from dem_bridge.report.texts import Texts
 from dem_bridge.studies.paper import PAPER
-from dem_bridge.studies.paper.claims import by
-from dem_bridge.studies.paper.claims_pulses import striker_shares
-from dem_bridge.studies.paper.effects import AS_IS, PARAMETER, PHYSICS, SUPPOSED, Effect
-from dem_bridge.studies.paper.measures import deviation, profiled
-from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, MAIN, OTHER_ACCURACY, Runs
-from dem_bridge.studies.paper.summary import counted, failures
+from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, Effect
+from dem_bridge.studies.paper.runs import MAIN, Runs
 from dem_bridge.studies.paper.validity import ContactValidity, contacts_of
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.roles import SCIPY
@@ -39,122 +30,8 @@ _SHOWN = ("arrival at the last cylinder", "force at the middle", "largest force"
 _SOUND = 3
 #: scenes of fewer bodies have lines; end of a map in units of the last crossing; rows and columns of a small map
 _FEW, _PASSED, _CELLS = 5, 1.05, 80
-#: outcomes of comparisons that can pass or fail
-_JUDGED = (Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED, Outcome.BROKEN)
-
-
-def abstract(
-    claims: Sequence[Claim], effects: Sequence[Effect], studies: Sequence[SceneStudy], runs: Runs, accuracy: float
-) -> tuple[str, ...]:
-    """Return the abstract: question, method, result, what fails, criteria, what is not verified, a sentence each."""
-    verdicts = Counter(verdict.outcome for study in studies for verdict in study.verdicts)
-    return (
-        TEXTS("question", count=len(claims)),
-        TEXTS(
-            "method",
-            scenes=len(studies),
-            main=accuracy,
-            others=max(accuracy, OTHER_ACCURACY),
-        ),
-        TEXTS(
-            "result",
-            total=verdicts.total(),
-            judged=sum(verdicts[outcome] for outcome in _JUDGED),
-            passed=verdicts[Outcome.PASS],
-            theory=verdicts[Outcome.MODEL_DIFFERENCE],
-            missing=verdicts[Outcome.NOT_RUN],
-            errors=_errors(studies),
-            count=len(claims),
-            kinds=counted(claims),
-            central=_central(claims, runs),
-        ),
-        _failing(claims, effects, runs),
-        _criteria(claims),
-        TEXTS("not_verified"),
-    )
-
-
-def _errors(studies: Sequence[SceneStudy]) -> str:
-    budgets = [study.budgets[0] for study in studies if study.scene.name in MAIN and study.budgets]
-    if not budgets:
-        return ""
-    return TEXTS("errors", error=max(budget.found for budget in budgets))
-
-
-def _central(claims: Sequence[Claim], runs: Runs) -> str:
-    by_id = {claim.id: claim for claim in claims}
-    central = [by_id.get(id) for id in ("decelerates", "accelerates", "arrival-by-bca")]
-    if any(claim is None or claim.outcome is not Outcome.PASS for claim in central):
-        return ""
-    slow, fast, arrival = (claim.values for claim in central if claim is not None)
-    away = [abs(value.value) for value in arrival if value.name.startswith("with T_0")]
-    chains = [(runs.scenes[name], runs.run(name, "bca"), runs.truth(name)) for name in MAIN]
-    along = [deviation("arrival", scene, bca, truth) for scene, bca, truth in chains if bca and truth]
-    numbers = {"low": by(slow).value, "high": by(fast).value, "away": max(away, default=math.nan)}
-    shares = {name: striker_shares(runs.scenes[name], truth) for name in MAIN if (truth := runs.truth(name))}
-    of_slow, of_fast = shares[DECELERATING], shares[ACCELERATING]
-    ends = [(bca.crossing_time[2:38], truth.crossing_time[2:38]) for _, bca, truth in chains if bca and truth]
-    wide = max(float(np.max(np.abs(by_theory / exact - 1.0))) for by_theory, exact in ends)
-    return TEXTS(
-        "central",
-        **numbers,
-        slow=of_slow,
-        fast=of_fast,
-        never=1.0 - of_slow["late"],
-        wide=wide,
-        worst=max(float(np.max(np.abs(of_chain))) for of_chain in along),
-    )
-
-
-def _criteria(claims: Sequence[Claim]) -> str:
-    """Return which criteria were fixed beforehand, which were revised, and which outcomes depend on them."""
-    numbered = enumerate(claims, start=1)
-    sensitive = (number for number, claim in numbered if claim.margin is not None and claim.margin.changes)
-    return TEXTS("criteria", numbers=_listed(sensitive))
-
-
-def _listed(numbers: Iterable[int]) -> str:
-    """Return numbers as text: "7, 11 and 15"."""
-    *most, last = [str(number) for number in numbers] or ["none"]
-    return " and ".join(filter(None, [", ".join(most), last]))
-
-
-def _failing(claims: Sequence[Claim], effects: Sequence[Effect], runs: Runs) -> str:
-    """Return the statements that do not hold by kind, a line each, and the largest effects."""
-
-    def largest_of(id: str) -> tuple[float, str]:
-        changes = [(abs(change), name) for item in effects if item.id == id for name, change in item.changes.items()]
-        return max((change for change in changes if math.isfinite(change[0])), default=(math.nan, ""))
-
-    (law, law_name), (striker, _), (exponent, _) = map(largest_of, ("exact-stiffness", "striker-mass", "exponent-1um"))
-    single = _single_cylinders(runs)
-    complete = math.isfinite(law + striker + exponent + single["first"])
-    numbers = {"law": law, "law_name": law_name, "striker": striker, "exponent": exponent, **single}
-    largest = TEXTS("largest", **numbers) if complete else ""
-    failed, ids = failures(claims), [claim.id for claim in claims]
-    if not failed:
-        return TEXTS("nothing_fails", largest=f"; {largest}" if largest else "")
-    groups: dict[str, list[str]] = {}
-    for claim, reason, what in failed:
-        text = TEXTS("failure", number=ids.index(claim.id) + 1, what=what, short=claim.short)
-        groups.setdefault(reason, []).append(text)
-    lines = [f"{reason}: {', '.join(texts)}" for reason, texts in groups.items()]
-    others = _listed(n for n, claim in enumerate(claims, start=1) if claim.outcome is Outcome.MODEL_DIFFERENCE)
-    return TEXTS("fails", others=others, lines=";\n".join(filter(None, [*lines, largest])))
-
-
-def _single_cylinders(runs: Runs) -> dict[str, float]:
-    """Return the largest change of the wave speed by the exact stiffness: from cylinder 5 on, and at cylinder 1."""
-    changes = []
-    for name in MAIN:
-        names = [f"{name}.{variant}" for variant in (AS_IS, "exact-stiffness")]
-        if all(runs.has(of) for of in names):
-            scene = runs.scenes[name]
-            base, exact = (REGISTERED["residence_time"].value(scene, run) for of in names if (run := runs.truth(of)))
-            off = np.abs(base / exact - 1.0)
-            changes.append((np.max(off[profiled(scene)]), off[1]))
-    inner, first = np.max(changes, axis=0) if changes else (math.nan, math.nan)
-    return {"inner": float(inner), "first": float(first)}
+#: kind of error of the rows of the scale; those of ode45 are the paper's own and no part of LAMMPS' error
+_KINDS = {"round-off": "round-off", "reference": "round-off", SCIPY: "round-off", "time-step": "time step", "ode45": ""}
 
 
 def scale_of_differences(
@@ -178,7 +55,8 @@ def scale_of_differences(
     if judged:
         ends = np.array([min(judged) - 0.5, max(judged) + 0.5])
         series.append(Series(label=TEXTS("tolerance"), style="guide", x=np.full(2, accuracy), y=ends))
-    panel = TEXTS.panel("scale", series, rows=tuple(rows.values()))
+    kinds = tuple("" if id in ("numerics", "effects") else _KINDS.get(id, "model") for id in rows)
+    panel = replace(TEXTS.panel("scale", series, rows=tuple(rows.values())), row_kinds=kinds)
     return replace(TEXTS.figure("scale", [panel]), width=_SCALE_WIDTH)
 
 
@@ -280,4 +158,4 @@ def _over_limit(contact: ContactValidity, nth: int) -> float:
     return judged.limit / judged.ratio if nth == _SOUND else judged.ratio / judged.limit
 
 
-__all__ = ["abstract", "all_scenes", "scale_of_differences", "tornado", "validity_figure"]
+__all__ = ["all_scenes", "scale_of_differences", "tornado", "validity_figure"]

@@ -24,7 +24,7 @@ from dem_bridge.studies import rule_of_thumb, scatter
 from dem_bridge.studies.model_hierarchy.models import Bench, LeftOut, ModelHierarchy, left_out, model_hierarchy_of
 from dem_bridge.studies.model_hierarchy.passage import JUDGED
 from dem_bridge.studies.model_hierarchy.study import question_table
-from dem_bridge.studies.paper import PAPER, figures, overview
+from dem_bridge.studies.paper import PAPER, figures, opening, overview
 from dem_bridge.studies.paper.claims import with_margins
 from dem_bridge.studies.paper.claims_force import forces, ratios
 from dem_bridge.studies.paper.claims_numbers import NEGLIGIBLE, numbers
@@ -165,7 +165,9 @@ def with_paper(verification: Verification, paper: Mapping[str, Any]) -> Verifica
     return replace(
         verification,
         id="paper",
-        title=PAPER("title", count=len(paper["claims"])),
+        title=PAPER("title"),
+        played=MAIN,
+        headlines=paper["headlines"],
         abstract=paper["abstract"],
         answer=paper["answer"],
         not_verified=(*NOT_VERIFIED, *verification.not_verified),
@@ -202,11 +204,13 @@ def read_paper(
         overview.all_scenes(runs, names),
     )
     return {
-        "abstract": overview.abstract(claims, effects, studies, runs, accuracy),
+        "headlines": opening.headlines(claims, studies, runs),
+        "abstract": opening.abstract(claims, effects, studies, runs, accuracy),
         "answer": answer(claims, effects, studies),
         "claims": claims,
         "tables": (
             claims_table(claims),
+            opening.wrong_table(claims),
             budget_table(effects),
             split_table(effects),
             *([question_table(requested, NEGLIGIBLE)] if requested else []),

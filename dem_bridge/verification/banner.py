@@ -1,0 +1,195 @@
+"""Say in words how a verification ended: the error of LAMMPS, its cause and the step to use, or why checks fail.
+
+Verdicts that fail for one reason are one group. Nothing is run or drawn here.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from dem_bridge.backends.steps import order_on
+from dem_bridge.lmp.known_defects import known_defects
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.texts import Texts, fill
+from dem_bridge.verification.assess import Refinement, SceneStudy
+from dem_bridge.verification.budget import Budget
+from dem_bridge.verification.checks import INDEPENDENT
+from dem_bridge.verification.roles import REFERENCE
+
+TEXTS = Texts("banner", "dem_bridge.verification")
+#: accuracies for which the step is said, the finest last
+ACCURACIES = (1e-2, 1e-3, 1e-4)
+#: largest factor by which a step may be coarser than the coarsest one that was run, so that it is said without "about"
+_NEAR = 1.5
+#: largest factor by which a step may differ from all that were run to be said at all
+_FAR = 64.0
+#: outcomes of checks that can pass or fail, the worst first
+_JUDGED = (Outcome.BROKEN, Outcome.FAIL, Outcome.UNDECIDED, Outcome.PASS)
+#: part of a budget -> cause of the failures that it explains
+_CAUSES = {"time step": "step", "table": "table", "round-off": "round-off", "sampling": "sampling"}
+#: first word of the meaning of a verdict -> cause of its failure, where no budget says it
+_MEANINGS = {
+    "time": "step", "implementation": "implementation", "interpolation": "table", "convergence": "order",
+    "round-off": "round-off", INDEPENDENT.split()[0]: "references",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Verdicts of one scene that do not pass for one reason."""
+
+    cause: str
+    """Id of the cause: "step", "implementation", "table", "round-off", "references", "order", "broken", "defect"."""
+    sentence: str
+    write: str
+    """Line to write instead; empty where none is known."""
+    verdicts: tuple[Verdict, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Banner:
+    """How the verification of one scene ended."""
+
+    scene: str
+    outcome: Outcome
+    sentences: tuple[str, ...]
+    groups: tuple[Group, ...]
+    """Empty if all checks pass, the largest group first."""
+
+
+def banner_of(study: SceneStudy, accuracy: float) -> Banner:
+    """Return how the verification of a scene ended; ``accuracy`` is that of velocities."""
+    judged = [verdict for verdict in study.verdicts if verdict.outcome in _JUDGED]
+    outcome = next((o for o in _JUDGED if any(v.outcome is o for v in judged)), Outcome.NOT_RUN)
+    groups = tuple(sorted(_groups(study, judged, accuracy), key=lambda group: -len(group.verdicts)))
+    return Banner(
+        scene=study.scene.name, outcome=outcome, sentences=tuple(_sentences(study, judged, outcome)), groups=groups
+    )
+
+
+def _sentences(study: SceneStudy, judged: Sequence[Verdict], outcome: Outcome) -> Iterator[str]:
+    """Yield the sentences of a banner; those of groups follow them."""
+    velocity = _velocity(study)
+    run = study.run(study.engine)
+    if velocity is not None and run is not None:
+        dt = float(run.provenance["settings"]["dt"])
+        key = "error" if velocity.outcome is Outcome.PASS else "too_large"
+        numbers = {"dt": dt, "error": velocity.difference, "allowed": velocity.tolerance, "scale": velocity.scale}
+        yield TEXTS(key, outcome=outcome.value, **numbers)
+        cause = _cause_of_error(study.budgets[0]) if study.budgets else ""
+        if cause:
+            yield TEXTS("cause", cause=TEXTS.data["names"][cause])
+        steps = [(a, step) for a in ACCURACIES if (step := largest_step(study, a)) is not None]
+        if steps:
+            yield TEXTS("steps", steps=", ".join(TEXTS("step", accuracy=a, step=words) for a, words in steps))
+    elif not judged:
+        yield TEXTS("nothing", outcome=outcome.value)
+    else:
+        yield TEXTS("unjudged", outcome=outcome.value)
+    for sentence in dict.fromkeys(v.sentence for v in study.verdicts if v.outcome is Outcome.NOT_RUN):
+        yield TEXTS("not_run", sentence=sentence)
+
+
+def _velocity(study: SceneStudy) -> Verdict | None:
+    """Return the verdict on the velocities of LAMMPS."""
+    pair = ("velocity", study.engine, REFERENCE)
+    return next(
+        (v for v in study.verdicts if (v.quantity, v.backend, v.reference) == pair and v.difference == v.difference),
+        None,
+    )
+
+
+def _cause_of_error(budget: Budget) -> str:
+    """Return the id of the largest part of an error."""
+    parts = {_CAUSES[name]: value for name, value in budget.parts.items() if name in _CAUSES}
+    parts["implementation"] = budget.unexplained if budget.is_finding else 0.0
+    known = {cause: value for cause, value in parts.items() if math.isfinite(value)}
+    cause = max(known, key=lambda name: known[name])
+    return cause if known[cause] > 0.0 else ""
+
+
+def largest_step(study: SceneStudy, accuracy: float) -> str | None:
+    """Return the largest time step of LAMMPS with which velocities err by ``accuracy`` at most, as text with its unit.
+
+    It lies between two steps that were run, or follows from the order of the algorithm and is then "about" so large;
+    None if the steps that were run are too far from it.
+    """
+    refinement = study.refinement.get(study.engine)
+    step = None if refinement is None else _interpolated(refinement, order_on(study.scene), accuracy)
+    if step is None:
+        return None
+    dt, measured = step
+    power = 10.0 ** (math.floor(math.log10(dt)) - 1)
+    rounded = math.floor(dt / power + 1e-9) * power
+    return f"{'' if measured else 'about '}{rounded:.1e} s".replace("e-0", "e-")
+
+
+def _interpolated(refinement: Refinement, order: int, accuracy: float) -> tuple[float, bool] | None:
+    """Return the step for an accuracy, and whether steps near it were run."""
+    levels = [(dt, error) for dt, error in zip(*refinement, strict=True) if 0.0 < error < math.inf]
+    if not levels:
+        return None
+    for (coarse, large), (fine, small) in itertools.pairwise(levels):
+        if small <= accuracy < large:
+            share = math.log(accuracy / small) / math.log(large / small)
+            return fine * (coarse / fine) ** share, True
+    dt, error = levels[0] if levels[0][1] <= accuracy else levels[-1]
+    step = dt * (accuracy / error) ** (1.0 / order)
+    if not 1.0 / _FAR <= step / dt <= _FAR:
+        return None
+    return step, 1.0 / _NEAR <= step / dt <= _NEAR
+
+
+def _groups(study: SceneStudy, judged: Sequence[Verdict], accuracy: float) -> Iterator[Group]:
+    """Yield the verdicts that do not pass by the reason."""
+    budgets = {budget.quantity: budget for budget in study.budgets}
+    by_cause: dict[tuple[Outcome, str], list[Verdict]] = {}
+    for verdict in judged:
+        if verdict.outcome is not Outcome.PASS:
+            cause = _cause_of_verdict(verdict, study.engine, budgets)
+            by_cause.setdefault((verdict.outcome, cause), []).append(verdict)
+    for (outcome, cause), verdicts in by_cause.items():
+        id, _, name = cause.partition(" ")
+        why, write = _reason(study, id, name, verdicts, accuracy)
+        sentence = TEXTS(
+            "group" if len(verdicts) > 1 else "single",
+            count=len(verdicts), total=len(judged), word=TEXTS.data["outcomes"][outcome.value], why=why,
+        )  # fmt: skip
+        yield Group(cause=id, sentence=sentence, write=write, verdicts=tuple(verdicts))
+
+
+def _cause_of_verdict(verdict: Verdict, engine: str, budgets: dict[str, Budget]) -> str:
+    """Return the id of the cause of a verdict that does not pass; that of a defect is followed by its name."""
+    if verdict.outcome is Outcome.BROKEN:
+        return "broken"
+    if verdict.known_defect:
+        return f"defect {verdict.known_defect}"
+    if verdict.backend == engine and verdict.reference == REFERENCE:
+        # an observable without a budget of its own follows from the velocities
+        budget = budgets.get(verdict.quantity) or budgets.get("velocity")
+        cause = "" if budget is None else _cause_of_error(budget)
+        if cause:
+            return cause
+    return _MEANINGS.get(verdict.meaning.split(",")[0].split(" ")[0], "unknown")
+
+
+def _reason(study: SceneStudy, id: str, name: str, verdicts: Sequence[Verdict], accuracy: float) -> tuple[str, str]:
+    """Return why verdicts do not pass, in words, and the line to write instead."""
+    worst = max(verdicts, key=lambda v: v.difference / v.tolerance if v.difference == v.difference else 0.0)
+    values: dict[str, Any] = {
+        "error": worst.difference, "allowed": worst.tolerance, "quantity": worst.quantity.replace("_", " "),
+        "sentence": worst.sentence.rstrip("."), "name": name,
+    }  # fmt: skip
+    write = ""
+    if id == "step":
+        step = largest_step(study, accuracy)
+        write = "" if step is None else TEXTS("write_step", step=step.removeprefix("about ").removesuffix(" s"))
+    if id == "defect":
+        defects = [defect for defect in known_defects() if defect.name in name.split(", ")]
+        values["name"] = "; ".join(f"{d.name}: {d.symptom} ({d.size})" for d in defects)
+        write = "; ".join(defect.instead for defect in defects)
+    return fill(TEXTS.data["why"][id], **values), write
