@@ -158,12 +158,7 @@ def solve(
     if accuracy is not None:
         resolution = _resolution_for(scene, solver, accuracy, resolution, sampling, cache)
     case = Case(
-        scene=scene,
-        backend=backend,
-        resolution=resolution,
-        sampling=sampling,
-        engine=lammps,
-        uncertainty=uncertainty,
+        scene=scene, backend=backend, resolution=resolution, sampling=sampling, engine=lammps, uncertainty=uncertainty
     )
     if order is None:
         run = solve_case(case, cache)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -95,24 +96,10 @@ def verify_paper(
     check_jobs(jobs)
     checked_accuracy(accuracy)
     scenes, cache = scenes_of_paper(extent.scenes), RunCache(store)
-
-    def plan(scene: Scene) -> ScenePlan:
-        main = scene.name in MAIN
-        plan = plan_scene(
-            scene,
-            accuracy if main else max(accuracy, OTHER_ACCURACY),
-            engine=engine,
-            cache=cache,
-            full=main,
-            others=tuple(beside(scene)),
-        )
-        # claims are read off main runs alone
-        return plan if plan.error is None else replace(plan, others=())
-
     if progress is not None:
         progress(0.0, 1, "choosing time steps")
     # what chooses them is mostly compiled, and leaves the interpreter to others
-    plans = map_in_threads(plan, scenes, jobs)
+    plans = map_in_threads(partial(_plan, accuracy=accuracy, engine=engine, cache=cache), scenes, jobs)
     main = [load_scene(name) for name in MAIN]
     sets = [scatter.cases_of(scene, spread=extent.spread, count=extent.chains) for scene in main]
     hierarchies = (
@@ -158,6 +145,21 @@ def verify_paper(
         notes=(store.trouble,) if store is not None and store.trouble else (),
     )
     return with_paper(verification, paper)
+
+
+def _plan(scene: Scene, *, accuracy: float, engine: Engine | None, cache: RunCache) -> ScenePlan:
+    """Return the plan of a shipped scene: main scenes are verified in full, others to :data:`OTHER_ACCURACY`."""
+    main = scene.name in MAIN
+    plan = plan_scene(
+        scene,
+        accuracy if main else max(accuracy, OTHER_ACCURACY),
+        engine=engine,
+        cache=cache,
+        full=main,
+        others=tuple(beside(scene)),
+    )
+    # claims are read off main runs alone
+    return plan if plan.error is None else replace(plan, others=())
 
 
 def with_paper(verification: Verification, paper: Mapping[str, Any]) -> Verification:
