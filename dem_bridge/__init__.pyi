@@ -3,6 +3,11 @@
 from dem_bridge import errors as errors
 from dem_bridge import plot as plot
 from dem_bridge import testing as testing
+from dem_bridge.api.files import compare as compare
+from dem_bridge.api.files import export as export
+from dem_bridge.api.files import read_trajectory as read_trajectory
+from dem_bridge.api.files import table_of as table_of
+from dem_bridge.api.files import write_trajectory as write_trajectory
 from dem_bridge.api.judge import judge as judge
 from dem_bridge.api.runs import available as available
 from dem_bridge.api.runs import plan as plan
@@ -13,11 +18,6 @@ from dem_bridge.api.scenes import scene_from_deck as scene_from_deck
 from dem_bridge.api.studies import ensemble as ensemble
 from dem_bridge.api.studies import minimal as minimal
 from dem_bridge.api.studies import study as study
-from dem_bridge.api.tables import export as export
-from dem_bridge.api.tables import table_of as table_of
-from dem_bridge.api.trajectories import compare as compare
-from dem_bridge.api.trajectories import read_trajectory as read_trajectory
-from dem_bridge.api.trajectories import write_trajectory as write_trajectory
 from dem_bridge.api.verification import regress as regress
 from dem_bridge.api.verification import verify as verify
 from dem_bridge.backends.base import Resolution as Resolution

@@ -95,7 +95,7 @@ def _heading(run: Trajectory, scene: Scene | None, how: str) -> str:
 
 def _scene_of(run: Trajectory, scene: str | None) -> Scene | None:
     """Return the scene of a run; None if neither the caller nor the run names it."""
-    from dem_bridge.api.trajectories import scene_of_run
+    from dem_bridge.api.files import scene_of_run
 
     try:
         return scene_of_run(scene, run)

@@ -130,7 +130,7 @@ def export(
 
     The tables have contacts, bodies, LAMMPS coefficients, results of a run, or contact angles.
     """
-    from dem_bridge.api.tables import export_table
+    from dem_bridge.api.files import export_table
     from dem_bridge.formats.tables.text import format_for
 
     if output is not None:
