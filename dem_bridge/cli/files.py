@@ -15,7 +15,6 @@ from dem_bridge.errors import UsageError
 from dem_bridge.foundation.files import check_report_folder
 
 if TYPE_CHECKING:
-    from dem_bridge.observables.differences import Difference
     from dem_bridge.trajectory.trajectory import Trajectory
 
 
@@ -65,7 +64,7 @@ def compare(
         _check_ends([run for run, (_, step) in zip(runs, pairs, strict=True) if step is None], settings["dt"])
     comparison = dem_bridge.compare(*runs, tolerance=tolerance or 0.0)
     for entry in comparison.differences:
-        click.echo(_sentence(entry))
+        click.echo(str(entry))
     for note in (*comparison.unknown, *comparison.notes):
         click.echo(f"note: {note}")
     compared = any(entry.quantity == "velocity" for entry in comparison.differences)
@@ -99,21 +98,6 @@ def _check_ends(runs: list[Trajectory], dt: float) -> None:
             f"--dt {dt:g} was given for both files, which then end at {ends[0]:.6g} s and {ends[1]:.6g} s; allowed: the"
             " time step of each file; give A@DT and B@DT"
         )
-
-
-def _sentence(entry: Difference) -> str:
-    """Return the sentence for one quantity: absolute and relative difference, with place and time."""
-    noun = {"velocity": "velocities", "displacement": "displacements", "crossing_time": "crossing times"}.get(
-        entry.quantity, f"{entry.quantity.replace('_', ' ')}s"
-    )
-    if not entry.value:
-        return f"{noun} are equal"
-    scale = entry.scale_name if entry.scale_name.startswith("each") else f"the {entry.scale_name}"
-    time = f" at {entry.time:.9g} s" if entry.time == entry.time else ""
-    return (
-        f"{noun} differ by at most {entry.value * entry.scale:.3g} {entry.unit}, {entry.value:.3g} of"
-        f" {scale} ({entry.scale:.6g} {entry.unit}); {entry.place}{time}"
-    )
 
 
 @with_options("export")

@@ -12,6 +12,9 @@ import numpy as np
 from dem_bridge.ensembles.draw import Variation
 from dem_bridge.ensembles.solve import OBSERVABLES
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.notebook import ensemble_html, quantity
+from dem_bridge.foundation.notebook_sketch import histogram
+from dem_bridge.foundation.summary import summary
 from dem_bridge.observables.registry import OBSERVABLES as REGISTRY
 from dem_bridge.trajectory.trajectory import Floats
 
@@ -56,6 +59,27 @@ class Ensemble:
     def __repr__(self) -> str:
         vary = ", ".join(f"{key} {value:g}" for key, value in self.variation.vary.items())
         return f"<Ensemble of {len(self)} chains of {self.variation.scene.name}: {vary}; {self.agreement}>"
+
+    def __str__(self) -> str:
+        """Return at most 15 lines: the median and the quantiles of observables of the whole chain, and the check."""
+        rows = [f"{name}: {median} ({low} to {high})" for name, low, median, high in self._shown_quantiles()]
+        title = f"{len(self)} chains of {self.variation.scene.name} (median; 5 % to 95 %)"
+        return summary(rows, [f"check: {self.agreement}"], title=title)
+
+    def _repr_html_(self) -> str:
+        arrival = self.values["arrival_at_end"]
+        drawing = histogram(1e6 * arrival[np.isfinite(arrival)], "arrival at the last body (µs)")
+        vary = ", ".join(f"{key} {value:g}" for key, value in self.variation.vary.items())
+        facts = {"chains": f"{len(self)} of {self.variation.scene.name}", "varied": vary, "check": self.agreement}
+        return ensemble_html(facts, self._shown_quantiles(), drawing)
+
+    def _shown_quantiles(self) -> list[tuple[str, str, str, str]]:
+        """Return name, 5 %, median and 95 % of each observable that has one value a chain."""
+        names = [name for name, values in self.values.items() if values.ndim == 1]
+        return [
+            (name.replace("_", " "), *(quantity(float(part), _UNITS[name], 4) for part in self.quantiles(name)))  # type: ignore[misc]
+            for name in names
+        ]
 
     @property
     def agreement(self) -> str:

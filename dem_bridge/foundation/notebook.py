@@ -7,21 +7,27 @@ imports none of them, so its arguments have the type Any.
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from html import escape
 from typing import Any
 
 import numpy as np
 
 from dem_bridge.foundation.notebook_sketch import sketch
+from dem_bridge.foundation.summary import MOST_LINES, summary
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 #: largest number of bodies that are listed one by one, and of rows of a table
 _LISTED, _ROWS = 3, 200
 _HASH = 12
+#: width of the names of facts on a terminal; resolution of a picture, dots per inch
+_KEY, _DOTS = 17, 80
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
@@ -74,8 +80,48 @@ def scene_sketch(scene: Any) -> str:
     )
 
 
+def scene_text(scene: Any) -> str:
+    """Return a Scene in ten lines for a terminal: its properties."""
+    return summary((), _aligned(_scene_facts(scene)), title=f"Scene {scene.name}")
+
+
 def scene_html(scene: Any) -> str:
     """Return the HTML of a Scene: a sketch of the chain and its properties."""
+    title = f"Scene {scene.name}"
+    return _card(title, subtitle=scene.description, sketch=scene_sketch(scene), facts=_scene_facts(scene))
+
+
+def contacts_text(contacts: Any) -> str:
+    """Return Contacts in five lines for a terminal."""
+    c = contacts
+    unit = f"N/m^{c.exponent[0] - 1.0:g}" if len(set(c.exponent.tolist())) == 1 else "N/m^(n-1)"
+    facts = {
+        "stiffness": spread(c.stiffness.tolist(), unit),
+        "exponent n": spread(c.exponent.tolist(), ""),
+        "gap": spread(c.gap.tolist(), "m"),
+        "damping": f"{int((c.damping > 0.0).sum())} of them",
+    }
+    return summary((), _aligned(facts), title=f"{len(c.gap)} contacts (arrays: contacts.stiffness, ...)")
+
+
+def geometry_text(geometry: Any) -> str:
+    """Return a Geometry in at most three lines for a terminal."""
+    shapes = Counter(body.shape for body in geometry.bodies)
+    kinds = ", ".join(f"{count} {shape}{'s' if count > 1 else ''}" for shape, count in shapes.items())
+    facts = {"radius": spread((body.radius for body in geometry.bodies), "m")}
+    if geometry.angles is not None:
+        angles = [angle for angle in geometry.angles if angle is not None]
+        facts["angles"] = f"{spread(angles, 'degrees')}, law of the stiffness: {geometry.law}"
+    return summary((), _aligned(facts), title=f"Geometry of {kinds} (list: geometry.bodies)")
+
+
+def _aligned(facts: Mapping[str, str]) -> list[str]:
+    """Return a line for each fact."""
+    return [f"{key:{_KEY}} {value}" for key, value in facts.items()]
+
+
+def _scene_facts(scene: Any) -> dict[str, str]:
+    """Return the properties of a Scene as texts."""
     c, walls = scene.contacts, [side for side in ("left", "right") if getattr(scene, f"wall_{side}") is not None]
     n, unit = set(c.exponent.tolist()), _unit_of_stiffness(scene)
     near = " (approximates the contact laws)" if scene.law is not None else ""
@@ -97,8 +143,7 @@ def scene_html(scene: Any) -> str:
         radii = spread((body.radius for body in scene.geometry.bodies), "m")
         kinds = ", ".join(f"{count} {shape}{'s' if count > 1 else ''}" for shape, count in shapes.items())
         facts["bodies"] += f": {kinds}, radius {radii}"
-    drawing = scene_sketch(scene)
-    return _card(f"Scene {scene.name}", subtitle=scene.description, sketch=drawing, facts=facts)
+    return facts
 
 
 def _run_facts(run: Any) -> dict[str, str]:
@@ -146,18 +191,42 @@ def trajectory_text(run: Any, scales: Mapping[str, Any], units: Mapping[str, str
     return "\n".join(lines)
 
 
-def trajectory_html(run: Any, scales: Mapping[str, Any], units: Mapping[str, str]) -> str:
+def ensemble_html(facts: Mapping[str, str], quantiles: Sequence[tuple[str, str, str, str]], drawing: str) -> str:
+    """Return the HTML of an Ensemble: what varies, the quantiles of its observables, and a histogram."""
+    return _card("Ensemble", facts=facts, quantiles=quantiles, drawing=drawing)
+
+
+def trajectory_html(run: Any, scales: Mapping[str, Any], units: Mapping[str, str], drawing: str = "") -> str:
     """Return the HTML of a Trajectory: settings, cost, uncertainties and provenance.
 
     ``scales`` has the scale of each uncertainty, a number or an array over contacts, and ``units`` the unit.
     """
     provenance = "\n".join(f"{key}: {_plain(value)}" for key, value in run.provenance.items())
     rows = tuple(_uncertainty_rows(run, scales, units))
-    return _card("Trajectory", facts=_run_facts(run), uncertainties=rows, provenance=provenance)
+    facts = _run_facts(run)
+    return _card("Trajectory", facts=facts, uncertainties=rows, provenance=provenance, drawing=drawing)
+
+
+def plan_text(plan: Any) -> str:
+    """Return at most 15 lines on a Plan for a terminal: settings, error, cost, and as many reasons as fit."""
+    facts = _aligned(_plan_facts(plan))
+    return "\n".join([f"Plan for {plan.scene}", *(f"  {fact}" for fact in facts), *_reasons(plan, len(facts))])
+
+
+def _reasons(plan: Any, before: int) -> list[str]:
+    """Return the lines of the reasons of a Plan that fit below others."""
+    lines = summary(plan.reasons).splitlines()
+    room = MOST_LINES - 1 - before
+    return lines if len(lines) <= room else [*lines[: room - 1], "  ... (all: plan.reasons)"]
 
 
 def plan_html(plan: Any) -> str:
     """Return the HTML of a Plan: settings, predicted and measured error and cost, and reasons."""
+    return _card("Plan", facts=_plan_facts(plan), reasons=plan.reasons)
+
+
+def _plan_facts(plan: Any) -> dict[str, str]:
+    """Return settings, error and cost of a Plan as texts."""
     settings = ", ".join(f"{key}={value!r}" for key, value in plan.resolution.items()) or "default settings"
     facts = {
         "scene": plan.scene,
@@ -173,14 +242,23 @@ def plan_html(plan: Any) -> str:
     if plan.units:
         parts = [f"{value:.2g} of {name.replace('_', ' ')}" for name, value in plan.units.items() if name != "dt"]
         facts["time step"] = ", ".join([quantity(plan.units["dt"], "s"), *parts])
-    return _card("Plan", facts=facts, reasons=plan.reasons)
+    return facts
 
 
-def study_html(study: Any) -> str:
-    """Return the HTML of a Study: its answer, the number of verdicts by outcome, and its tables."""
+def study_html(study: Any, drawing: str = "") -> str:
+    """Return the HTML of a Study: its answer, the verdicts by outcome, its first figure, and its tables."""
     counts = Counter(verdict.outcome.value for verdict in study.verdicts)
     state = "interrupted: only the results up to the interruption are shown" if study.interrupted else ""
-    return _card(study.title, subtitle=state, study=study, counts=counts, most_rows=_ROWS)
+    return _card(study.title, subtitle=state, study=study, counts=counts, most_rows=_ROWS, drawing=drawing)
+
+
+def picture(figure: Any, description: str) -> str:
+    """Return the HTML of a figure of matplotlib: a PNG within the text, which needs no other file."""
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=_DOTS)
+    data = base64.b64encode(content.getvalue()).decode()
+    style = "max-width:100%;height:auto;margin:.4em 0;border-radius:.2em"
+    return f'<img src="data:image/png;base64,{data}" alt="{escape(description)}" style="{style}"/>'
 
 
 @cache

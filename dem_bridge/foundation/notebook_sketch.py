@@ -1,12 +1,17 @@
-"""Draw a chain as a small SVG: bodies to scale, contacts coloured by stiffness from blue (soft) to orange (stiff)."""
+"""Draw small SVGs: a chain, with contacts coloured by stiffness from blue (soft) to orange (stiff), and a histogram."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 #: largest number of bodies; width of the sketch and half height of the largest body, pixels
 _MOST, _WIDTH, _HALF = 100, 680.0, 18.0
+#: largest number of bars of a histogram
+_MOST_BINS = 40
 #: two colours of the Okabe-Ito set, and a grey between them that is visible on white and on black
 _SOFT, _MIDDLE, _STIFF = (0, 114, 178), (150, 150, 150), (230, 159, 0)
 
@@ -67,6 +72,30 @@ def sketch(
         caption = f"the first {len(shown)} of {len(outlines)} bodies; {caption}"
     size = f'width="{x + 6.0:.0f}" height="{2.0 * middle:.0f}"'
     svg = f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{caption}" {size}>{"".join(parts)}</svg>'
+    return f'<div style="margin:.5em 0">{svg}<div style="opacity:.75;font-size:85%">{caption}</div></div>'
+
+
+def histogram(values: NDArray[np.float64], label: str) -> str:
+    """Return a histogram of finite values as HTML; empty for fewer than two.
+
+    Examples
+    --------
+    >>> svg = histogram(np.array([1.0, 2.0, 2.0, 3.0]), "arrival (ms)")
+    >>> svg.count("<rect"), "1 to 3" in svg
+    (4, True)
+    """
+    if len(values) < 2:
+        return ""
+    counts, edges = np.histogram(values, bins=min(_MOST_BINS, max(4, math.isqrt(len(values)))))
+    wide, high = _WIDTH / 2.0 / len(counts), 4.0 * _HALF
+    bars = "".join(
+        f'<rect x="{k * wide:.1f}" y="{high * (1.0 - count / counts.max()):.1f}" width="{wide - 1.0:.1f}"'
+        f' height="{high * count / counts.max():.1f}" fill="rgb{_SOFT}"/>'
+        for k, count in enumerate(counts.tolist())
+    )
+    caption = f"histogram of {len(values)} chains: {label}, {edges[0]:.5g} to {edges[-1]:.5g}"
+    size = f'width="{_WIDTH / 2.0:.0f}" height="{high:.0f}"'
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{caption}" {size}>{bars}</svg>'
     return f'<div style="margin:.5em 0">{svg}<div style="opacity:.75;font-size:85%">{caption}</div></div>'
 
 

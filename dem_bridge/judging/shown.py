@@ -27,7 +27,7 @@ NEAR = 0.15
 MAP_ROWS = 300
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class JudgementStudy(Study):
     """A judgement as a study, whose JSON file has its keys beside the verdicts."""
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.summary import summary
 from dem_bridge.observables.errors import reduced, relative_to
 from dem_bridge.observables.registry import Reading, observable_named
 from dem_bridge.scene.scene import Scene
@@ -25,6 +26,10 @@ SAMPLED = tuple(name for name, (_, _, axis) in VOCABULARY.items() if "time" in a
 SAME_TIME = 1e-6
 #: fewest samples of each run in a common interval of time for an interpolation
 FEWEST_SAMPLES = 4
+
+
+#: quantities whose plural is not that of their name
+_PLURALS = {"velocity": "velocities", "displacement": "displacements", "crossing_time": "crossing times"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +60,18 @@ class Difference:
     def place(self) -> str:
         """Return the body or contact of the largest difference, such as "contact 3", or "" for the whole chain."""
         return f"{self.axis} {self.body}" if self.axis else ""
+
+    def __str__(self) -> str:
+        """Return the sentence: absolute and relative difference, with place and time."""
+        noun = _PLURALS.get(self.quantity, f"{self.quantity.replace('_', ' ')}s")
+        if not self.value:
+            return f"{noun} are equal"
+        scale = self.scale_name if self.scale_name.startswith("each") else f"the {self.scale_name}"
+        time = f" at {self.time:.9g} s" if self.time == self.time else ""
+        return (
+            f"{noun} differ by at most {self.value * self.scale:.3g} {self.unit}, {self.value:.3g} of"
+            f" {scale} ({self.scale:.6g} {self.unit}); {self.place}{time}"
+        )
 
 
 class Readings:
@@ -187,6 +204,14 @@ class Comparison:
     notes: tuple[str, ...]
     interpolation: Mapping[str, float] = field(default_factory=dict)
     undecided: bool = False
+
+    def __str__(self) -> str:
+        """Return at most 15 lines: each difference, and the notes."""
+        notes = (*self.unknown, *self.notes)
+        lines = (*map(str, self.differences), *(f"note: {note}" for note in notes))
+        return summary(lines, title=f"Differences at {self.samples} common times")
+
+    __repr__ = __str__
 
 
 def compare_runs(run: Trajectory, reference: Trajectory, tolerance: float = 0.0) -> Comparison:

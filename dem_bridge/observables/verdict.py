@@ -66,6 +66,10 @@ class Verdict:
         shared = ("quantity", "scale", "unit", "scale_name", "uncertainty", "reference_uncertainty")
         return cls(difference=compared.value, **{name: getattr(compared, name) for name in shared} | fields)
 
+    def __str__(self) -> str:
+        """Return outcome and sentence."""
+        return f"{self.outcome.value}: {self.sentence}"
+
     def as_json(self) -> dict[str, Any]:
         """JSON-able, see :func:`plain`; ``known_defect`` is left out where it is empty."""
         return {key: plain(value) for key, value in asdict(self).items() if key != "known_defect" or value}

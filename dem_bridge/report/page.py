@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from dem_bridge.foundation.files import check_report_folder, write_whole
+from dem_bridge.foundation.notebook import picture
+from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.images import picture_of_data
 from dem_bridge.report.pages import SEVERITY, fill, outcomes_of
 from dem_bridge.report.study import FigureData, Map, Panel, Study
@@ -121,3 +123,11 @@ def _matrix(panel: Panel, data: Map) -> str:
     writer.writerow([f"{data.label}: {panel.y_label} by {panel.x_label}", *data.x.tolist()])
     writer.writerows([y, *row] for y, row in zip(data.y.tolist(), data.values.tolist(), strict=True))
     return text.getvalue()
+
+
+def picture_of_study(study: Study) -> str:
+    """Return the HTML of the first figure of a study for a notebook; empty where it has none."""
+    if not study.figures:
+        return ""
+    figure = study.figures[0]
+    return picture(draw_figure(figure), f"{figure.title}. {figure.caption}")

@@ -18,6 +18,7 @@ import numpy as np
 
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.notebook import study_html
+from dem_bridge.foundation.summary import counted, summary
 from dem_bridge.observables.verdict import Outcome, Verdict, exit_code, plain
 from dem_bridge.trajectory.trajectory import Floats
 
@@ -278,8 +279,25 @@ class Study:
         counted = (item for item in self.verdicts if self.known_defects == "fail" or not item.known_defect)
         return exit_code(verdict.outcome for verdict in counted)
 
+    def __str__(self) -> str:
+        """Return at most 15 lines: the answer, the verdicts by outcome, and where the rest is."""
+        facts = [counted(verdict.outcome.value for verdict in self.verdicts)] if self.verdicts else []
+        if self.interrupted:
+            facts.append("interrupted: only the results up to the interruption are here")
+        if self.tables:
+            facts.append(f"tables: {', '.join(table.id for table in self.tables)}; save(folder) writes the page")
+        return summary(self.answer, facts, title=self.title)
+
+    __repr__ = __str__
+
     def _repr_html_(self) -> str:
-        return study_html(self)
+        return study_html(self, self._picture())
+
+    def _picture(self) -> str:
+        """Return the HTML of the picture of a notebook: the first figure."""
+        from dem_bridge.report.page import picture_of_study  # it is built on studies
+
+        return picture_of_study(self)
 
     def table(self) -> DataFrame:
         """Return the verdicts as a table, a row for each.

@@ -44,6 +44,12 @@ class Contacts:
             if isinstance(values := getattr(self, item.name), np.ndarray):
                 values.flags.writeable = False
 
+    def __str__(self) -> str:
+        """Return four lines: number, stiffness, exponents and gaps."""
+        from dem_bridge.foundation.notebook import contacts_text  # not needed for a run
+
+        return contacts_text(self)
+
     def force(self, overlap: Floats, which: NDArray[np.int64]) -> Floats:
         """Return the elastic force of the contacts ``which`` at overlaps >= 0, N.
 

@@ -94,6 +94,10 @@ class Drive:
             check_fields(self, {"force": _NUMBERS["force"]}, "drive.")
         check_fields(self, {key: _NUMBERS[key] for key in keys}, "drive.")
 
+    def __str__(self) -> str:
+        """Return the drive in words."""
+        return f"Drive: {self.words}"
+
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return the force at times >= 0 (s) of any shape, N; after its end a table keeps its last value."""
         # evaluated in the order of a deck's formula, so that large phases are rounded in the same way

@@ -159,6 +159,12 @@ class Geometry:
             chosen = tuple([value if k in crossed else None for k, value in enumerate(checked)])
             object.__setattr__(self, key, chosen)
 
+    def __str__(self) -> str:
+        """Return two lines: bodies, and how they cross."""
+        from dem_bridge.foundation.notebook import geometry_text  # not needed for a run
+
+        return geometry_text(self)
+
     @cached_property
     def angle(self) -> tuple[float | None, ...]:
         """Angle between the axes of neighbouring bodies, degrees, ``(n_body - 1,)``; None for a contact with a sphere.

@@ -338,6 +338,12 @@ class Scene:
             wall_right=self.wall_right is not None,
         )
 
+    def __str__(self) -> str:
+        """Return ten lines: bodies, contacts, physics and duration."""
+        from dem_bridge.foundation.notebook import scene_text  # not needed for a run
+
+        return scene_text(self)
+
     def _repr_html_(self) -> str:
         from dem_bridge.foundation.notebook import scene_html  # only notebooks need it
 

@@ -1,4 +1,4 @@
-"""A run as a table of pandas and as a figure. Nothing is computed here."""
+"""A run as a table of pandas, as a figure, and as a picture in a notebook. Nothing is computed here."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.notebook import picture
 from dem_bridge.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -51,3 +52,11 @@ def plot_run(run: Trajectory, figure: str, ax: Any, settings: dict[str, Any]) ->
     if figure not in FIGURES:
         raise UsageError(f"figure = {figure!r}; allowed: {', '.join(map(repr, FIGURES))}")
     return getattr(import_module(_PLOT), figure)(run, ax=ax, **settings)
+
+
+def picture_of_run(run: Trajectory) -> str:
+    """Return the HTML of the space-time figure of a run; empty where there is no motion to draw."""
+    if run.velocity.shape[1] < 2 or len(run.time) < 2 or not np.isfinite(run.velocity).all() or not run.velocity.any():
+        return ""
+    ax = plot_run(run, "spacetime", None, {})
+    return picture(ax.figure, f"velocity of each body against time, {run.provenance.get('scene', 'a chain')}")

@@ -135,6 +135,17 @@ class Uncertainty(_ReadOnly, Mapping[str, Any]):
             numbers = {key: float(value) for key, value in getattr(self, name).items()}
             object.__setattr__(self, name, MappingProxyType(numbers))
 
+    def __str__(self) -> str:
+        """Return a line for each quantity, with the largest uncertainty of all contacts, and one for the parts."""
+        from dem_bridge.foundation.notebook import quantity as shown
+
+        rows = {name: shown(float(np.max(value, initial=0.0)), VOCABULARY[name][0]) for name, value in self.items()}
+        parts = ", ".join(f"{name.replace('_', ' ')} {value:.1e}" for name, value in self.parts.items())
+        lines = ["Uncertainty", *(f"  {name.replace('_', ' '):14} {text}" for name, text in rows.items())]
+        return "\n".join(lines + ([f"  of velocities  {parts} (relative)"] if parts else []))
+
+    __repr__ = __str__
+
     def __getitem__(self, quantity: str) -> Any:
         if quantity not in QUANTITIES:
             raise KeyError(quantity)
@@ -247,8 +258,9 @@ class Trajectory(_ReadOnly):
     def _repr_html_(self) -> str:
         """Return the card of a notebook: backend, scene, uncertainty and cost."""
         from dem_bridge.foundation.notebook import trajectory_html
+        from dem_bridge.trajectory.shown import picture_of_run
 
-        return trajectory_html(self, *self._scales_and_units())
+        return trajectory_html(self, *self._scales_and_units(), picture_of_run(self))
 
     def _scales_and_units(self) -> tuple[dict[str, Any], dict[str, str]]:
         """Return the scale and the unit of each quantity that has an uncertainty."""

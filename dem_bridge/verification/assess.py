@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dem_bridge.foundation.summary import counted, summary
 from dem_bridge.observables.errors import reduced, relative_to
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.observables.verdict import Verdict
+from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.runs.campaign import Result
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
@@ -18,6 +19,8 @@ from dem_bridge.verification import checks
 from dem_bridge.verification.budget import Budget, allowance, budgets
 from dem_bridge.verification.roles import Roles, Runs
 
+#: outcomes that need no further word
+CLEAN = (Outcome.PASS, Outcome.MODEL_DIFFERENCE)
 #: time steps in s, coarsest first, and the velocity errors of the runs, relative to the reference's largest velocity
 Refinement = tuple[list[float], list[float]]
 
@@ -38,6 +41,14 @@ class SceneStudy:
     """Error budgets of LAMMPS' main run, one for each quantity."""
     observables: tuple[tuple[str | float, ...], ...] = ()
     """Rows of the table of observables, see :func:`_observables`."""
+
+    def __str__(self) -> str:
+        """Return at most 15 lines: the verdicts by outcome, and those that do not pass."""
+        counts = counted(verdict.outcome.value for verdict in self.verdicts)
+        title = f"{self.scene.name}: {counts or 'no verdict'}"
+        return summary((str(v) for v in self.verdicts if v.outcome not in CLEAN), title=title)
+
+    __repr__ = __str__
 
     @property
     def scene(self) -> Scene:

@@ -8,7 +8,7 @@ from typing import Any
 from markupsafe import Markup
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
-from dem_bridge.foundation.notebook import scene_sketch
+from dem_bridge.foundation.notebook import picture, scene_sketch
 from dem_bridge.report.live import Chain, error_scale_of, shown_chains
 from dem_bridge.report.page import study_files
 from dem_bridge.report.pages import KINDS, valued
@@ -18,6 +18,7 @@ from dem_bridge.verification import crate
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.banner import banner_of
 from dem_bridge.verification.chains import chains_of, error_scale
+from dem_bridge.verification.figures import spacetime_maps
 from dem_bridge.verification.independence import ANSWERS_THROUGH, matrix
 from dem_bridge.verification.pictures import picture_of_runs
 from dem_bridge.verification.roles import BLANES_MOAN, POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
@@ -82,3 +83,9 @@ def _shown(study: Verification, store: Store | None) -> dict[str, Any]:
         "shares": recall(store, "shared modules", [], matrix),
         "answers_through": ANSWERS_THROUGH,
     }
+
+
+def picture_of_verification(study: Verification) -> str:
+    """Return the HTML of the motion of the first scene for a notebook; empty where it was not run."""
+    figure = spacetime_maps(study.studies[:1])
+    return "" if figure is None else picture(figure, f"velocity of each body: {study.studies[0].scene.name}")

@@ -28,7 +28,7 @@ SCHEMA = "dem-bridge/verdicts/1"
 TEXTS = Texts("verify", "dem_bridge.verification")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Verification(Study):
     """Hold the study of how accurately LAMMPS solves scenes; :func:`verification_of` returns it."""
 
@@ -54,6 +54,12 @@ class Verification(Study):
         from dem_bridge.verification.page import verification_files  # it is built on verifications
 
         return verification_files(self, store)
+
+    def _picture(self) -> str:
+        """Return the HTML of the picture of a notebook: the motion of the first scene."""
+        from dem_bridge.verification.page import picture_of_verification  # it is built on verifications
+
+        return picture_of_verification(self)
 
     @property
     def record_name(self) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.summary import summary
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -144,6 +145,13 @@ class Table:
         names = [column.name for column in self.columns]
         if len(lengths) != 1 or len(set(names)) != len(names):
             raise ValueError(f"table {self.id}: columns of lengths {sorted(lengths)}, names {names}")
+
+    def __str__(self) -> str:
+        """Return the title, the columns and the number of rows."""
+        columns = ", ".join(column.name for column in self.columns)
+        return summary([f"columns: {columns}"], [f"{len(self.rows)} rows; db.export writes them"], title=self.title)
+
+    __repr__ = __str__
 
     @property
     def rows(self) -> list[tuple[Cell, ...]]:

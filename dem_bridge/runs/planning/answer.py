@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any
 
-from dem_bridge.foundation.notebook import plan_html
+from dem_bridge.foundation.notebook import plan_html, plan_text
 from dem_bridge.runs.planning.check import Candidate, Settled, observed_order
 from dem_bridge.runs.planning.options import Option, Options
 from dem_bridge.runs.planning.predict import tidy
@@ -55,6 +55,12 @@ class Plan:
         """Return all fields as JSON values."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return values | {key: dict(values[key]) for key in ("resolution", "units")} | {"reasons": list(self.reasons)}
+
+    def __str__(self) -> str:
+        """Return at most 15 lines: settings, error, cost and reasons."""
+        return plan_text(self)
+
+    __repr__ = __str__
 
     def _repr_html_(self) -> str:
         return plan_html(self)

@@ -14,6 +14,7 @@ from typing import Any
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend, supports_of
 from dem_bridge.errors import BackendUnavailable, RunBroken, SceneError, UsageError
+from dem_bridge.foundation.summary import counted, summary
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_between
 from dem_bridge.runs.campaign import Jobs, Progress, Result, fingerprint_of, run_cases
@@ -99,6 +100,14 @@ class Regression:
     """Texts of the baselines to be written, by file name."""
     required_backends: tuple[str, ...] = ()
     """Backends that were requested by name; if one does not run, the exit code is 2."""
+
+    def __str__(self) -> str:
+        """Return at most 15 lines: the comparisons that are not SAME, and the number by outcome."""
+        changed = [each for each in self.comparisons if each.change is not Change.SAME]
+        lines = (f"{each.change.value} {each.scene} {each.backend}: {each.sentence}" for each in changed)
+        return summary(lines, [counted(each.change.value for each in self.comparisons)], title=self.title)
+
+    __repr__ = __str__
 
     def count(self, change: Change) -> int:
         """Return the number of comparisons with an outcome."""
