@@ -41,8 +41,6 @@ from dem_bridge.studies.engine.runs import EngineRun, run_impacts
 TEXTS = Texts("engine", "dem_bridge.studies")
 #: steps of a contact, steps of a run and steps between two samples
 CONTACT_STEPS, STEPS, EVERY = 16_000, 17_600, 400
-#: difference between the twin's restitution and the exact one, by the time step; the largest is 4e-5
-STEP_ERROR = 1e-4
 RIGHT, WRONG, ABSENT, UNDEFINED = "RIGHT", "WRONG", "NOT THERE", "NO THEORY"
 _OUTCOMES = {RIGHT: Outcome.PASS, WRONG: Outcome.FAIL, ABSENT: Outcome.NOT_RUN, UNDEFINED: Outcome.NOT_RUN}
 _RESTITUTION = ("tsuji", "coeff_restitution")
