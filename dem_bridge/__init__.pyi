@@ -3,6 +3,7 @@
 from dem_bridge import errors as errors
 from dem_bridge import plot as plot
 from dem_bridge import testing as testing
+from dem_bridge.api.check import check as check
 from dem_bridge.api.files import compare as compare
 from dem_bridge.api.files import export as export
 from dem_bridge.api.files import read_trajectory as read_trajectory
@@ -23,6 +24,7 @@ from dem_bridge.api.verification import verify as verify
 from dem_bridge.backends.base import Resolution as Resolution
 from dem_bridge.backends.base import Sampling as Sampling
 from dem_bridge.formats.tables.angles import angles_for as angles_for
+from dem_bridge.judging.check.answer import Check as Check
 from dem_bridge.judging.judgement import Judgement as Judgement
 from dem_bridge.lmp.engine import Engine as Engine
 from dem_bridge.observables.accuracy import observed_order as observed_order

@@ -54,6 +54,7 @@ LATER = {
     ("dem_bridge.report.study", "dem_bridge.report.page"): "a study is saved as a page",
     ("dem_bridge.verification.verification", "dem_bridge.verification.page"): "... and so is a verification",
     ("dem_bridge.judging.judgement", "dem_bridge.judging.shown"): "a judgement has a page and sentences",
+    ("dem_bridge.judging.check.answer", "dem_bridge.judging.check.shown"): "... and so has the answer of a check",
 }
 
 
@@ -196,6 +197,7 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
         (
             "click",
             {
+                "cli.check",
                 "cli.demo",
                 "cli.files",
                 "cli.group",

@@ -106,10 +106,12 @@ def judge(
     from dem_bridge.judging.beside import judge_command, judge_files
     from dem_bridge.judging.deck import is_deck
 
+    paths = [with_step(file) for file in (files if _is_several(files) else [cast(File, files)])]
     if scene is None:
+        if deck := next((path for path, _ in paths if is_deck(path)), None):
+            raise UsageError(f"no scene was given, and {deck} is a LAMMPS input script; write: dem-bridge check {deck}")
         raise UsageError("no scene was given; give the scene of the files, a shipped name or the path of a scene file")
     scene = scene_of(scene)
-    paths = [with_step(file) for file in (files if _is_several(files) else [cast(File, files)])]
     reading = {"columns": columns, "units": units, "bodies": bodies, "axis": axis}
     if command is not None:
         if paths:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dem_bridge.api.guests import VERIFICATIONS, guest_named
+from dem_bridge.backends.base import Resolution
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.foundation.files import check_report_folder, write_whole
@@ -17,6 +19,7 @@ from dem_bridge.observables.accuracy import checked_accuracy
 from dem_bridge.runs.store import default_folder
 from dem_bridge.scene.file import scene_of
 from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.timescales import samples_of
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -26,6 +29,8 @@ if TYPE_CHECKING:
     from dem_bridge.verification.regression.run import Regression
     from dem_bridge.verification.verification import Verification
 
+#: steps between two samples, at least, of scenes that are verified at a step: those of refinement levels are longer
+_STEPS_OF_SAMPLE = 4
 #: the name of all shipped scenes together with the claims that are read from them
 PAPER = "paper"
 
@@ -34,6 +39,7 @@ def verify(
     scenes: Scene | str | Path | Sequence[Scene | str | Path] | None = None,
     *,
     accuracy: float | None = None,
+    dt: float | None = None,
     folder: str | Path | None = None,
     bundle: str | Path | None = None,
     jobs: int | None = None,
@@ -52,10 +58,13 @@ def verify(
     Parameters
     ----------
     scenes : Scene, str or Path, or a sequence of them, optional
-        Scenes, names of shipped scenes or paths of scene files. "paper" or None: all shipped scenes by every backend
-        that supports them, with the claims and figures of the paper.
+        Scenes, names of shipped scenes, paths of scene files or of LAMMPS input scripts, which are read as by
+        :func:`scene_from_deck`. "paper" or None: all shipped scenes by every backend that supports them, with the
+        claims and figures of the paper.
     accuracy : float, optional
         Tolerance of velocity errors, relative to the largest velocity; the time step follows from it. None: 5e-6.
+    dt : float, optional
+        Time step of LAMMPS and its twin, s, such as that of an input script; None: the largest for the accuracy.
     folder : str or Path, optional
         Folder for ``index.html`` and ``verdicts.json``. None: no files are written.
     bundle : str or Path, optional
@@ -109,7 +118,9 @@ def verify(
     whole = any(isinstance(s, str) and s == PAPER for s in scenes)
     if whole and len(scenes) > 1:
         raise UsageError(f"{PAPER!r} stands for all shipped scenes, and other scenes are named as well; give it alone")
-    chosen = [] if whole else [scene_of(scene) for scene in scenes]
+    if whole and dt is not None:
+        raise UsageError(f"dt = {dt!r} was given for {PAPER!r}, whose scenes have their own steps; name the scenes")
+    chosen = [] if whole else [_scene_or_script(scene) for scene in scenes]
     accuracy = checked_accuracy(DEFAULT_ACCURACY if accuracy is None else accuracy)
     if folder is not None:
         check_report_folder(Path(folder))
@@ -129,9 +140,23 @@ def verify(
     if whole:
         verification: Verification = guest_named(VERIFICATIONS, PAPER, f"verify {PAPER}")(**settings)
     else:
-        verification = verify_scenes(chosen, **settings)
+        step = Resolution(dt=dt).dt
+        if step is not None:
+            chosen = [replace(scene, samples=samples_of(scene, step, _STEPS_OF_SAMPLE)) for scene in chosen]
+        verification = verify_scenes(chosen, dt=step, **settings)
     write_found(verification, folder=folder, bundle=bundle, engine=lammps, store=kept)
     return verification
+
+
+def _scene_or_script(source: Scene | str | Path) -> Scene:
+    """Return a scene, or that of an input script."""
+    from dem_bridge.api.scenes import scene_from_deck
+    from dem_bridge.judging.deck import is_deck
+
+    path = None if isinstance(source, Scene) else Path(source)
+    if path is not None and path.suffix != ".toml" and path.is_file() and is_deck(path):
+        return scene_from_deck(path)
+    return scene_of(source)
 
 
 def write_found(

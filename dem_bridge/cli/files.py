@@ -137,7 +137,11 @@ def export(
 
 @with_options("judge")
 def judge(
-    files: tuple[str, ...], scene: str, as_json: bool = False, folder: Path | None = None, **settings: Any
+    files: tuple[str, ...],
+    scene: str | None = None,
+    as_json: bool = False,
+    folder: Path | None = None,
+    **settings: Any,
 ) -> None:
     """Judge FILES of any code against the reference solution of their scene.
 

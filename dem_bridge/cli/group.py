@@ -20,6 +20,7 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import terminal
+from dem_bridge.cli.check import check
 from dem_bridge.cli.demo import demo, show
 from dem_bridge.cli.files import compare, convert, export, judge
 from dem_bridge.cli.options import check_new, check_output, print_json, with_options
@@ -247,6 +248,7 @@ _COMMANDS = (
     regress,
     convert,
     compare,
+    check,
     judge,
     import_group,
     store_group,

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from dem_bridge.lmp.opening import files_of
 from dem_bridge.lmp.process import run_deck, workspace
 from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.scene import ReadDeck, read_deck
-from dem_bridge.lmp.reader.script import Command, Script, given_variables
+from dem_bridge.lmp.reader.script import Command, Opened, Script, given_variables
 from dem_bridge.scene.scene import Scene
 
 #: the added dump, and its file
@@ -66,6 +67,8 @@ class UserDeck:
     """True if body 0 of the scene is at the upper end of the deck's axis."""
     problems: tuple[str, ...]
     """Commands that cannot be read as part of a scene."""
+    overlooked: tuple[str, ...] = ()
+    """Commands of neighbour lists that may miss contacts, without which the scene was read."""
 
     @property
     def dt(self) -> float | None:
@@ -102,51 +105,85 @@ def is_deck(path: Path) -> bool:
     return b"\0" not in head and b"ITEM:" not in head and _DECK.search(head.decode(errors="replace")) is not None
 
 
-def user_deck(path: Path, scene: Scene, variables: Mapping[str, str] | None = None) -> UserDeck:
+def user_deck(
+    path: Path,
+    scene: Scene | None = None,
+    variables: Mapping[str, str] | None = None,
+    changed: Mapping[str, str] = MappingProxyType({}),
+) -> UserDeck:
     """Read a deck, as far as it can be read; body 0 is at the end where the deck is most like the scene.
 
-    ``variables``: values that LAMMPS is given by ``-var``.
+    ``scene``: None: body 0 is at the moving end. ``variables``: values that LAMMPS is given by ``-var``. ``changed``:
+    texts in place of those of files, by name.
     """
     try:
-        text = text_of_file(path)
+        text = changed[path.name] if path.name in changed else text_of_file(path)
     except OSError as error:
         raise UsageError(f"{path}: the deck cannot be read ({error.strerror}); give a LAMMPS input script") from None
 
-    opened = files_of(path.parent)
+    on_disk = files_of(path.parent)
+
+    def opened(name: str) -> str:
+        return changed[name] if name in changed else on_disk(name)
+
+    state = read_script(text, file=path.name, opened=opened, variables=variables)
     commands: list[Command] = []
+    script = Script(opened, given_variables(variables), dict(state.script.keywords))
     try:
-        for command in Script(opened, given_variables(variables)).commands(path.name, text):
+        for command in script.commands(path.name, text):
             commands.append(command)
     except BlockedScript:
         pass  # the loop does not end: LAMMPS will say so
-    state = read_script(text, file=path.name, opened=opened, variables=variables)
-    read: ReadDeck | None = None
-    mirrored = False
-    problems: tuple[str, ...] = ()
+    read, mirrored, problems = _scene_of(text, path.name, opened, scene, variables)
+    overlooked: tuple[str, ...] = ()
+    if problems and all("`neigh_modify " in problem for problem in problems):
+        # LAMMPS may miss contacts: its run shows whether it does
+        without = re.sub(r"^[ \t]*neigh_modify\b.*(&[ \t]*\n.*)*$", "", text, flags=re.MULTILINE)
+        read, mirrored, others = _scene_of(without, path.name, opened, scene, variables)
+        problems, overlooked = (others, ()) if others else ((), problems)
+    return UserDeck(
+        path=path,
+        commands=tuple(commands),
+        state=state,
+        read=read,
+        mirrored=mirrored,
+        problems=problems,
+        overlooked=overlooked,
+    )
+
+
+def _scene_of(
+    text: str, file: str, opened: Opened, scene: Scene | None, variables: Mapping[str, str] | None
+) -> tuple[ReadDeck | None, bool, tuple[str, ...]]:
+    """Return the scene of a deck, whether body 0 is at the upper end, and the problems of a deck without a scene."""
     try:
         both = [
-            read_deck(text, file=path.name, opened=opened, reverse=reverse, variables=variables)
-            for reverse in (False, True)
+            read_deck(text, file=file, opened=opened, reverse=reverse, variables=variables) for reverse in (False, True)
         ]
-        mirrored = len(differences(scene, both[1].scene)) < len(differences(scene, both[0].scene))
-        read = both[int(mirrored)]
+        alike = scene or read_deck(text, file=file, opened=opened, variables=variables).scene
+        mirrored = len(differences(alike, both[1].scene)) < len(differences(alike, both[0].scene))
+        return both[int(mirrored)], mirrored, ()
     except BlockedScript as error:
-        problems = tuple(str(blocker) for blocker in error.blockers)
+        return None, False, tuple(str(blocker) for blocker in error.blockers)
     except SceneError as error:
-        problems = (str(error),)
-    return UserDeck(path=path, commands=tuple(commands), state=state, read=read, mirrored=mirrored, problems=problems)
+        return None, False, (str(error),)
 
 
 @contextmanager
 def deck_run(
     path: Path,
-    scene: Scene,
+    scene: Scene | None,
     *,
     engine: Engine | None = None,
     variables: Mapping[str, str] | None = None,
     time_limit: float,
+    changed: Mapping[str, str] = MappingProxyType({}),
+    every: int | None = None,
 ) -> Iterator[DeckRun]:
     """Run a copy of a deck with a dump of ours; its files are removed after the context.
+
+    ``changed``: texts in place of those of files of the deck, by name. ``every``: steps between two frames of the dump;
+    None: those of a sample of the scene.
 
     Raises
     ------
@@ -158,7 +195,7 @@ def deck_run(
         If LAMMPS stops with an error.
     """
     engine = (engine or Engine.chosen()).with_variables(variables or {})
-    deck = user_deck(path, scene, variables)
+    deck = user_deck(path, scene, variables, changed)
     run = next((command for command in deck.commands if command.name == "run"), None)
     if run is None:
         cause = next((text for text in deck.problems if "variable" in text), "")
@@ -168,9 +205,11 @@ def deck_run(
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             if (path.parent / name).is_file():
                 shutil.copyfile(path.parent / name, folder / name)
+        for name, text in changed.items():
+            (folder / name).write_text(text, encoding="utf-8")
         target = folder / run.file
         lines = target.read_text(encoding="utf-8-sig").splitlines(keepends=True)
-        lines.insert(run.line - 1, _dump_line(_every(deck, scene)))
+        lines.insert(run.line - 1, _dump_line(every or _every(deck, scene)))
         target.write_text("".join(lines), encoding="utf-8")
         report = run_deck(folder, path.name, time_limit=time_limit, engine=engine)
         log = folder / "log.lammps"
@@ -180,6 +219,9 @@ def deck_run(
             raise RunBroken(f"{path}: LAMMPS ended without an error, but it ran no step; give a deck that runs")
         if deck.read is not None:
             _put_in_order(folder / _FILE, mirrored=deck.mirrored)
+        if deck.state.units == "lj":  # taken as m, s and kg, as the reader of decks does
+            dump = (folder / _FILE).read_text()
+            (folder / _FILE).write_text(dump.replace("ITEM: UNITS\nlj\n", "ITEM: UNITS\nsi\n"))
         builds = re.findall(r"^Dangerous builds\s*=\s*(\d+)", text, re.MULTILINE)
         yield DeckRun(
             out=folder / _FILE,
@@ -205,8 +247,10 @@ def _named_paths(deck: UserDeck) -> set[str]:
     return names
 
 
-def _every(deck: UserDeck, scene: Scene) -> int:
+def _every(deck: UserDeck, scene: Scene | None) -> int:
     """Return the steps between two frames of the added dump: those of a sample of the scene, if the step is known."""
+    if scene is None:
+        return max(1, deck.state.steps // Scene.samples)
     if deck.dt is not None:
         return max(1, round(scene.duration / scene.samples / deck.dt))
     return max(1, deck.state.steps // scene.samples)

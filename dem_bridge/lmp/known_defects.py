@@ -37,6 +37,21 @@ class KnownDefect:
     """Words of a deck that avoid the defect."""
     upstream: str
     """Pull request or issue of LAMMPS; '' if none is known."""
+    find: str = ""
+    """Regular expression for what to replace in a line that meets the defect; '' if no line can simply be written."""
+    write: str = ""
+    """What to write in its place, with \\1, \\2 ... for the groups of ``find``."""
+
+    def mended(self, line: str) -> str:
+        """Return a line of a deck without the defect; the same line if it does not meet it, or cannot be mended so.
+
+        Examples
+        --------
+        >>> [tsuji] = defects_of(20250722, "pair_coeff 1 1 hertz 1e9 0.5 tangential none damping tsuji")
+        >>> tsuji.mended("pair_coeff 1 1 hertz 1e9 0.5 damping tsuji")
+        'pair_coeff 1 1 hertz 1e9 0.5 damping coeff_restitution'
+        """
+        return re.sub(self.find, self.write, line) if self.find and self.met_by(line) else line
 
     def affects(self, version: int) -> bool:
         """Return True if a release, such as 20250722, has the defect."""

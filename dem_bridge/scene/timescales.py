@@ -6,6 +6,8 @@ divided by the ``frequency`` of a :class:`~dem_bridge.backends.prescan.Prescan`.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from dem_bridge.physics.exact import two_body_collision
@@ -36,6 +38,23 @@ def rayleigh_time_of(scene: Scene) -> float | None:
         )
         for body in scene.geometry.bodies
     )
+
+
+def samples_of(scene: Scene, dt: float, steps: int = 1) -> int:
+    """Return the number of samples, at most that of the scene, that are at least ``steps`` steps of ``dt`` (s) apart.
+
+    Steps of backends fall on samples, so that samples closer than a step would shorten it.
+
+    Examples
+    --------
+    >>> import dem_bridge as db
+    >>> scene = db.load_scene("decelerating-40")  # 3 ms, 500 samples
+    >>> samples_of(scene, 1e-6), samples_of(scene, 1e-5), samples_of(scene, 1e-5, steps=4)
+    (500, 300, 75)
+    """
+    count = max(1, math.ceil(scene.duration / dt * (1.0 - 1e-9)))
+    apart = max(steps, math.ceil(count / scene.samples))
+    return max(1, count // apart)
 
 
 def contact_time_of(scene: Scene) -> float | None:

@@ -174,6 +174,7 @@ def _scenes(verification: Verification) -> tuple[dict[str, str], list[str]]:
 def _options(verification: Verification, engine: Engine) -> list[str]:
     """Return options of ``dem-bridge verify``, without the path of LAMMPS, which other machines do not have."""
     words = ["--accuracy", repr(verification.accuracy)]
+    words += [] if verification.dt is None else ["--dt", repr(verification.dt)]
     words += ["--ranks", str(engine.ranks)] if engine.ranks > 1 else []
     words += [f"--lmp-args={' '.join(engine.lmp_args)}"] if engine.lmp_args else []
     return words

@@ -36,6 +36,8 @@ class Verification(Study):
     """Runs, verdicts and error budgets of each scene."""
     accuracy: float
     """Wanted accuracy of velocities, relative to the largest."""
+    dt: float | None = None
+    """Time step of the main runs, s; None: it followed from the accuracy."""
     wall: float
     """s, for all of it."""
     played: tuple[str, ...] = ()

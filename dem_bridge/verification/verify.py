@@ -43,6 +43,7 @@ def verify_scenes(
     progress: Progress | None = None,
     engine: Engine | None = None,
     store: Store | None = None,
+    dt: float | None = None,
 ) -> Verification:
     """Run and judge scenes; the arguments are those of :func:`dem_bridge.verify`."""
     start = time.perf_counter()
@@ -52,11 +53,12 @@ def verify_scenes(
     check_jobs(jobs)
     checked_accuracy(accuracy)
     cache = RunCache(store)
-    plans = [plan_scene(scene, accuracy, engine=engine, cache=cache) for scene in scenes]
+    plans = [plan_scene(scene, accuracy, engine=engine, cache=cache, dt=dt) for scene in scenes]
     groups = run_groups([plan.cases for plan in plans], jobs=jobs, progress=progress, store=store, cache=cache)
     studies = tuple(plan.assess(results, store) for plan, results in zip(plans, groups, strict=True))
     notes = (store.trouble,) if store is not None and store.trouble else ()
-    return verification_of(studies, accuracy=accuracy, wall=time.perf_counter() - start, notes=notes)
+    verification = verification_of(studies, accuracy=accuracy, wall=time.perf_counter() - start, notes=notes)
+    return replace(verification, dt=dt)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,17 +110,19 @@ def plan_scene(
     cache: RunCache | None = None,
     full: bool = True,
     others: Sequence[Case] = (),
+    dt: float | None = None,
 ) -> ScenePlan:
     """Choose the settings of the main runs and list the cases of a scene.
 
-    ``cache`` keeps the runs of the choice, which are runs of the verification, and has the store of choices.
-    A scene for which no settings can be chosen has a plan with the reason. Where no time step reaches the accuracy (no
-    step does beyond the predictability horizon) one run at the default step is left, to judge conserved quantities by.
+    ``dt``: time step of the main runs, s; None: it follows from the accuracy. ``cache`` keeps the runs of the choice,
+    which are runs of the verification, and has the store of choices. A scene for which no settings can be chosen has a
+    plan with the reason. Where no time step reaches the accuracy (no step does beyond the predictability horizon) one
+    run at the default step is left, to judge conserved quantities by.
     """
     roles = assign_roles(scene)
     try:
         recall_prescan(None if cache is None else cache.store, scene)
-        main = main_resolution(roles, accuracy, cache)
+        main = main_resolution(roles, accuracy, cache) if dt is None else Resolution(dt=dt)
         runs = list_cases(roles, main, engine=engine, full=full)
         return ScenePlan(roles=roles, accuracy=accuracy, runs=runs, others=tuple(others))
     except (RunBroken, UnsupportedScene) as error:

@@ -59,7 +59,7 @@ def test_json_has_the_keys_of_the_contract_and_the_exit_code_follows(folder: Pat
 @pytest.mark.parametrize(
     ("words", "part"),
     [
-        (("1e-06.csv",), "Missing option '--scene'"),
+        (("1e-06.csv",), "no scene was given; give the scene of the files"),
         (("--scene", "five.toml"), "no FILE[@DT] was given; give files of a code, a LAMMPS deck, or --command"),
         (("missing.csv", "--scene", "five.toml"), "missing.csv: there is no such file"),
         (("1e-06.csv", "--scene", "missing.toml"), "missing.toml"),

@@ -315,7 +315,7 @@ def test_a_deck_without_a_run_is_refused(
     monkeypatch: pytest.MonkeyPatch, problems: tuple[str, ...], message: str
 ) -> None:
     user = user_deck("units si", problems=problems)
-    plant(monkeypatch, Seam.USER_DECK, lambda path, scene, variables: user)
+    plant(monkeypatch, Seam.USER_DECK, lambda *words: user)
     engine: Any = SimpleNamespace(with_variables=lambda values: None)
     run_it = deck.deck_run(Path("in.x"), PAIR, engine=engine, time_limit=1.0)
     with pytest.raises(UsageError) as refused, run_it:

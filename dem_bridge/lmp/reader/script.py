@@ -166,7 +166,7 @@ class Script:
                 text = self.read(at, file)
             else:
                 self._count_text(Command(file, 1, ("(the whole file)",)), text)
-            self._files[file] = [(number, line[: _LONGEST + 1]) for number, line in _lines(text)]
+            self._files[file] = [(number, line[: _LONGEST + 1]) for number, line in logical_lines(text)]
             starts = [line.split(maxsplit=2) for _, line in self._files[file]]
             labels = [(words[1], at) for at, words in enumerate(starts, 1) if words[:1] == ["label"] and words[1:]]
             self._labels[file] = dict(reversed(labels))  # the first of several counts
@@ -368,8 +368,8 @@ def given_variables(values: Mapping[str, str] | None) -> dict[str, tuple[str, tu
     return {name: ("index", (value,)) for name, value in (values or {}).items()}
 
 
-def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Yield lines with the number of their first line, continued ones joined."""
+def logical_lines(text: str) -> Iterator[tuple[int, str]]:
+    """Yield the lines of a script with the number of their first line, continued ones joined."""
     begun, first = "", 0
     for number, line in enumerate(text.splitlines(), start=1):
         first = first if begun else number

@@ -1,0 +1,211 @@
+"""The answer of a check: law, step, release, plausibility, and the lines to write."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dem_bridge.judging.check.edits import Edit
+from dem_bridge.judging.check.law import EngineAnswer, LawAnswer
+from dem_bridge.judging.check.plausible import Plausibility
+from dem_bridge.judging.check.step import StepAnswer
+from dem_bridge.judging.check.words import share
+from dem_bridge.observables.verdict import Outcome, exit_code, plain
+
+if TYPE_CHECKING:
+    from dem_bridge.report.study import Study
+    from dem_bridge.trajectory.trajectory import Floats
+
+#: keys of a check, in their order
+KEYS = ("outcome", "law", "step", "engine", "plausibility", "advice")
+#: lines to write that the terminal shows
+MOST_LINES = 3
+#: outcomes of the parts in words
+_OF_LAW = {Outcome.PASS: "right", Outcome.FAIL: "wrong", Outcome.UNDECIDED: "undecided", Outcome.BROKEN: "not run"}
+_OF_STEP = {
+    Outcome.PASS: "right",
+    Outcome.FAIL: "too coarse",
+    Outcome.UNDECIDED: "undecided",
+    Outcome.BROKEN: "not run",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pictures:
+    """Samples that the page draws: the error over bodies and time, and where it comes from."""
+
+    time: Floats
+    """Sample times, s, ``(n_t,)``."""
+    error: Floats
+    """LAMMPS minus the reference relative to the largest velocity, ``(n_t, n_body)``."""
+    sources: tuple[tuple[str, float], ...]
+    """Name and relative size of each part of the error."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Check(Mapping[str, Any]):
+    """The answer of a check: a mapping with the keys :data:`KEYS`, which are attributes, too."""
+
+    name: str
+    title: str
+    accuracy: float
+    law_answer: LawAnswer
+    step_answer: StepAnswer
+    engine_answer: EngineAnswer
+    plausible: tuple[Plausibility, ...] = ()
+    edits: tuple[Edit, ...] = ()
+    """Lines of the script to write."""
+    command: str = ""
+    """A command in place of lines, for a scene."""
+    unsupported: tuple[str, ...] = ()
+    """What of the script cannot be read as a scene, with the lines."""
+    notes: tuple[str, ...] = ()
+    """How it was measured and what was assumed."""
+    text: str = ""
+    """The script as it was read."""
+    corrected: Mapping[str, str] = field(default_factory=dict)
+    """Texts of the files with the lines to write, by name; empty if there are none."""
+    pictures: Pictures | None = None
+
+    @property
+    def outcome(self) -> str:
+        """PASS, FAIL, UNDECIDED or BROKEN."""
+        outcomes = [self.law_answer.outcome, self.step_answer.outcome, self.engine_answer.outcome]
+        if Outcome.FAIL in outcomes:
+            return Outcome.FAIL.value
+        order = (Outcome.BROKEN, Outcome.UNDECIDED, Outcome.PASS)
+        return next(outcome for outcome in order if outcome in outcomes).value
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line: 0 for PASS, 1 for FAIL, 3 for BROKEN, 4 for UNDECIDED."""
+        return exit_code([Outcome(self.outcome)])
+
+    @property
+    def law(self) -> dict[str, Any]:
+        """Outcome and sentence on the law, the difference that is left, its cause, and what is not supported."""
+        law = self.law_answer
+        return {
+            "outcome": law.outcome.value,
+            "sentence": law.sentence,
+            "difference": plain(law.difference),
+            "allowed": plain(law.allowed),
+            "cause": law.cause,
+            "unsupported": list(self.unsupported),
+        }
+
+    @property
+    def step(self) -> dict[str, Any]:
+        """Step, its error with scale and uncertainty (SI), and the largest steps, s, for some accuracies."""
+        step = self.step_answer
+        return {
+            "dt": step.dt,
+            "error": plain(step.error * step.scale),
+            "scale": plain(step.scale),
+            "uncertainty": plain(step.uncertainty * step.scale),
+            "relative_error": plain(step.error),
+            "accuracy": step.accuracy,
+            "largest_for_accuracy": plain(step.largest_for_accuracy),
+            "largest_for": {f"{accuracy:g}": plain(dt) for accuracy, dt in step.largest.items()},
+            "confirmed": plain(step.confirmed),
+            "outcome": step.outcome.value,
+            "sentence": step.sentence,
+        }
+
+    @property
+    def engine(self) -> dict[str, Any]:
+        """The release that ran the script, and its known defects that the script meets."""
+        return self.engine_answer.as_json()
+
+    @property
+    def plausibility(self) -> list[dict[str, Any]]:
+        """Properties beside what is usual, those that are worth a look first."""
+        return [entry.as_json() for entry in self.plausible]
+
+    @property
+    def advice(self) -> list[str]:
+        """The lines to write, ready to paste; the comment says where each belongs."""
+        return [f"{line}  # {edit.place}" for edit in self.edits for line in edit.new.splitlines()] or (
+            [self.command] if self.command else []
+        )
+
+    def __getitem__(self, key: str) -> Any:
+        if key not in KEYS:
+            raise KeyError(key)
+        return getattr(self, key)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(KEYS)
+
+    def __len__(self) -> int:
+        return len(KEYS)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the keys :data:`KEYS` with JSON types; a number that is not finite becomes null."""
+        return {key: self[key] for key in KEYS}
+
+    @property
+    def headline(self) -> str:
+        """What is right or wrong, with numbers, in one or two sentences."""
+        law, step = self.law_answer, self.step_answer
+        parts = []
+        if law.outcome is Outcome.FAIL:
+            parts.append(f"the law is wrong: {law.sentence.partition(': ')[2].rstrip('.')}")
+        elif self.engine_answer.outcome is Outcome.FAIL:
+            parts.append(f"the script meets a known defect of LAMMPS, {self.engine_answer.defects[0].name}")
+        if step.outcome is Outcome.FAIL:
+            rest = "; all of it is the time step" if law.outcome is Outcome.PASS and not step.why else ""
+            parts.append(f"the step is too coarse: {step.headline}{rest}")
+        if law.outcome is Outcome.BROKEN:
+            parts.append(law.sentence.rstrip("."))
+        if law.outcome is Outcome.PASS and step.outcome is Outcome.PASS and not parts:
+            error = f"within {share(step.error)} of the largest, {share(step.accuracy)} is allowed"
+            parts.append(f"law and step are right: at {step.step} velocities are {error}")
+        if law.outcome is Outcome.UNDECIDED:
+            parts.append(f"the law was not checked: {law.sentence.rstrip('.')}")
+        if step.outcome is Outcome.UNDECIDED and law.outcome is not Outcome.BROKEN:
+            parts.append(step.sentence.rstrip("."))
+        if law.outcome is Outcome.UNDECIDED and step.outcome is Outcome.PASS:
+            parts.append(f"the step is right: {step.headline}")
+        return f"{'. '.join(part[:1].upper() + part[1:] for part in parts)}."
+
+    def lines(self, page: str = "") -> Iterator[tuple[str, str]]:
+        """Yield at most eight lines as pairs of name and text; ``page`` is the path of the page, if there is one."""
+        yield self.outcome, self.headline
+        lines, most = self.advice, MOST_LINES - bool(page)
+        for place, line in enumerate(lines[:most]):
+            more = f"  (and {len(lines) - most} more lines: --json)" if place == most - 1 and len(lines) > most else ""
+            yield "write" if place == 0 else "", line + more
+        yield "law", f"{_OF_LAW[self.law_answer.outcome]}: {self.law_answer.sentence}"
+        yield "step", f"{_OF_STEP[self.step_answer.outcome]}: {self.step_answer.sentence}"
+        yield "release", self.engine_answer.sentence
+        yield "plausible", self.plausible_text
+        if page:
+            yield "page", page
+
+    @property
+    def plausible_text(self) -> str:
+        """What is worth a look, or the usual numbers."""
+        looks = [entry.sentence for entry in self.plausible if entry.look]
+        if looks:
+            return f"look: {'; '.join(looks)}."
+        return f"yes: {'; '.join(entry.sentence for entry in self.plausible) or 'nothing is unusual'}."
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{name:10} {text}" for name, text in self.lines())
+
+    @property
+    def study(self) -> Study:
+        """The answer as a study: its page, table and figures."""
+        from dem_bridge.judging.check.shown import check_study  # it is built on answers
+
+        return check_study(self)
+
+    def save(self, folder: str | Path) -> None:
+        """Write the page and ``check.json`` into ``folder``, which is created if need be."""
+        self.study.save(folder)
+
+    def _repr_html_(self) -> str:
+        return self.study._repr_html_()

@@ -1,0 +1,322 @@
+"""The check of one script or scene: its runs in order, and the answer that follows from them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from dem_bridge.errors import BackendUnavailable, DemBridgeError, RunBroken, UnsupportedScene, UsageError
+from dem_bridge.judging.check.answer import Check, Pictures
+from dem_bridge.judging.check.edits import Edit, applied
+from dem_bridge.judging.check.laboratory import Laboratory, Progress
+from dem_bridge.judging.check.law import EngineAnswer, LawAnswer, engine_of, law_by_steps, law_of
+from dem_bridge.judging.check.plausible import plausibility_of
+from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
+from dem_bridge.judging.check.subject import Subject, subject_of
+from dem_bridge.judging.check.words import number
+from dem_bridge.judging.deck import user_deck
+from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.known_defects import defects_of
+from dem_bridge.lmp.process import probe
+from dem_bridge.lmp.reader.script import logical_lines
+from dem_bridge.observables.accuracy import checked_accuracy
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.scene.scene import Scene
+
+#: messages of LAMMPS on bodies that have left the box or have no place
+_LOST = re.compile(r"Lost atoms|Non-numeric|out of range atoms|no longer in the simulation box", re.IGNORECASE)
+#: factors by which steps are shortened until LAMMPS loses no body
+_RESCUES = (4, 16, 64, 256)
+#: error of our code above which a step is beyond the stability limit
+_BEYOND = 0.1
+#: a neighbour list that misses no contact
+_NEIGHBOURS = "neigh_modify delay 0 every 1 check yes"
+
+#: callback that is told the expected time of a check, s; None where it cannot be known
+Announce = Callable[[float | None], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """Law and step of one script."""
+
+    law: LawAnswer
+    step: StepAnswer
+    version: int
+
+
+def check_file(
+    file: str | Path | Scene,
+    *,
+    accuracy: float = 1e-3,
+    dt: float | None = None,
+    variables: Mapping[str, str] | None = None,
+    engine: Engine | None = None,
+    time_limit: float = 600.0,
+    progress: Progress | None = None,
+    announce: Announce | None = None,
+) -> Check:
+    """Check a script or a scene, see :func:`dem_bridge.check`."""
+    accuracy = checked_accuracy(accuracy)
+    with subject_of(file, dt=dt, variables=variables) as subject:
+        lab = Laboratory(subject=subject, engine=engine, time_limit=time_limit, progress=progress)
+        if announce is not None:
+            announce(lab.expected_cost())
+        first = _find(lab, accuracy)
+        law_edits = _law_edits(subject, first)
+        last, last_lab = first, lab
+        if law_edits:
+            # the lines of the steps follow from the script without what is wrong in it
+            last_lab = replace(lab, subject=_changed(subject, law_edits))
+            last_lab = Laboratory(subject=last_lab.subject, engine=engine, time_limit=time_limit, progress=progress)
+            last = _find(last_lab, accuracy)
+        edits = (*law_edits, *subject.added, *_step_edits(subject, last))
+        return _answer(lab, first, last, _merged(edits), accuracy)
+
+
+def _find(lab: Laboratory, accuracy: float) -> Finding:
+    """Return law and step of a script; BROKEN where LAMMPS fails for another reason than the step."""
+    deck = lab.subject.deck
+    nothing = StepAnswer(dt=deck.dt, accuracy=accuracy, why="LAMMPS made no run")
+    if deck.state.run is None and lab.scene is None:
+        law = LawAnswer(outcome=Outcome.UNDECIDED, sentence=f"{_why_unread(lab.subject)}.")
+        return Finding(law=law, step=nothing, version=_version(lab))
+    factor = 1
+    try:
+        run = lab.lammps()
+    except RunBroken as error:
+        if (rescue := _rescue(lab, str(error))) is None:
+            law = LawAnswer(outcome=Outcome.BROKEN, sentence=_broken(lab, str(error)))
+            return Finding(law=law, step=replace(nothing, outcome=Outcome.BROKEN), version=_version(lab))
+        factor, run = rescue, lab.lammps(rescue)
+    if lab.scene is None:
+        law = LawAnswer(outcome=Outcome.UNDECIDED, sentence=f"{_why_unread(lab.subject)}.")
+        return Finding(law=law, step=_alone(lab, accuracy, run.finite), version=run.version)
+    try:
+        _ = lab.reference
+    except UnsupportedScene as error:
+        law = LawAnswer(outcome=Outcome.UNDECIDED, sentence=f"{error}.")
+        return Finding(law=law, step=_alone(lab, accuracy, run.finite), version=run.version)
+    if lab.problem:
+        law = law_by_steps(lab)
+        return Finding(law=law, step=_alone(lab, accuracy, run.finite), version=run.version)
+    law = law_of(lab, factor)
+    step = step_of(lab, accuracy, law_is_right=law.outcome is Outcome.PASS, lost=factor > 1)
+    return Finding(law=law, step=step, version=run.version)
+
+
+def _alone(lab: Laboratory, accuracy: float, finite: bool) -> StepAnswer:
+    """Return the answer on the step by LAMMPS alone, or why there is none."""
+    unknown = StepAnswer(dt=lab.subject.deck.dt, accuracy=accuracy)
+    if not finite:
+        return replace(unknown, why="velocities of LAMMPS are not numbers")
+    try:
+        return step_by_lammps(lab, accuracy)
+    except (UsageError, RunBroken) as error:
+        return replace(unknown, why=f"finer steps cannot be tried: {error}")
+
+
+def _rescue(lab: Laboratory, message: str) -> int | None:
+    """Return by what steps must be divided so that LAMMPS loses no body; None if its steps are not the reason."""
+    dt = lab.subject.deck.dt
+    if not _LOST.search(message) or lab.problem or dt is None:
+        return None
+    limit = lab.prescan
+    if limit is None or limit.frequency * dt / 2.0 < _BEYOND:
+        return None
+    for factor in _RESCUES:
+        try:
+            lab.lammps(factor)
+        except (RunBroken, UsageError):
+            continue
+        return factor
+    return None
+
+
+def _broken(lab: Laboratory, message: str) -> str:
+    """Return what LAMMPS said, and what that may mean."""
+    hint = ""
+    if _LOST.search(message) and lab.subject.deck.last("boundary") is not None:
+        hint = "; the step is not the reason: a body leaves the box (`boundary m m m` lets the box follow)"
+    return f"LAMMPS stopped: {message.removeprefix('LAMMPS: ')}{hint}."
+
+
+def _version(lab: Laboratory) -> int:
+    """Return the release of the engine; 0 if it does not say."""
+    try:
+        return probe(lab.engine or Engine.chosen()).version
+    except BackendUnavailable:
+        return 0
+
+
+# ---------------------------------------------------------------- lines to write
+def _law_edits(subject: Subject, finding: Finding) -> tuple[Edit, ...]:
+    """Return the lines that mend what is wrong in the law of a script, as far as lines can."""
+    law = finding.law
+    if subject.of_scene or law.outcome is Outcome.PASS:
+        return ()
+    edits: dict[tuple[str, int], Edit] = {}
+    texts = subject.texts()
+    commands = "\n".join(command.text for command in subject.deck.commands)
+    for file, text in texts.items():
+        for line, raw in logical_lines(text):
+            new = raw
+            for defect in defects_of(finding.version, commands):
+                new = defect.mended(new)
+            if law.cause == "missed contacts" and raw.split()[:1] == ["neigh_modify"]:
+                new = _NEIGHBOURS
+            if new != raw:
+                edits[file, line] = Edit(file=file, line=line, new=new.strip())
+    if law.cause == "mixing" and subject.deck.read is not None:
+        last = subject.deck.last("pair_coeff")
+        assert last is not None  # types mix by their lines
+        raw = dict(logical_lines(texts[last.file]))[last.line]
+        lines = "\n".join((raw.strip(), *subject.deck.read.mixed))
+        edits[last.file, last.line] = Edit(file=last.file, line=last.line, new=lines)
+    return tuple(edits.values())
+
+
+def _changed(subject: Subject, edits: tuple[Edit, ...]) -> Subject:
+    """Return a script with other lines."""
+    changed = {**subject.changed, **applied(subject.texts(), edits)}
+    deck = user_deck(subject.path, variables=subject.variables, changed=changed)
+    scene = None if deck.read is None else deck.read.scene
+    return replace(subject, deck=deck, scene=scene, changed=changed)
+
+
+def _step_edits(subject: Subject, finding: Finding) -> tuple[Edit, ...]:
+    """Return the lines of finer steps, if the answer has some."""
+    if finding.step.outcome is not Outcome.FAIL or finding.step.factor < 2 or subject.of_scene:
+        return ()
+    try:
+        return subject.edits(finding.step.factor)
+    except UsageError:
+        return ()
+
+
+def _merged(edits: tuple[Edit, ...]) -> tuple[Edit, ...]:
+    """Return edits of which the last counts for each line, in the order of the lines.
+
+    An edit of a line that the script does not have yet is that line with other words.
+    """
+    lacking = {(edit.file, edit.line) for edit in edits if edit.added and edit.new.startswith("run ")}
+    by_place: dict[tuple[str, int, str], Edit] = {}
+    for edit in edits:
+        added = edit.added or (edit.file, edit.line) in lacking
+        by_place[edit.file, edit.line, edit.new.split()[0] if added else ""] = replace(edit, added=added)
+    return tuple(sorted(by_place.values(), key=lambda e: (e.file, e.line, not e.added, e.new.startswith("run "))))
+
+
+# ---------------------------------------------------------------- the answer
+def _answer(lab: Laboratory, first: Finding, last: Finding, edits: tuple[Edit, ...], accuracy: float) -> Check:
+    subject, step = lab.subject, first.step
+    engine: EngineAnswer = engine_of(subject.deck, first.version, first.law.outcome)
+    texts = subject.texts()
+    text = texts[subject.path.name]
+    if last is not first:
+        step = last.step if step.outcome is not Outcome.PASS else step
+    command = ""
+    if subject.of_scene and step.factor > 1 and step.dt is not None:
+        command = f"dem-bridge deck {subject.of_scene} --dt {step.dt / step.factor:.6g} -o DIR"
+    originals = {file: body for file, body in texts.items() if file not in subject.changed} | {
+        file: (subject.path.parent / file).read_text(encoding="utf-8-sig") for file in subject.changed
+    }
+    return Check(
+        name=subject.name,
+        title=_title(lab),
+        accuracy=accuracy,
+        law_answer=first.law,
+        step_answer=step,
+        engine_answer=engine,
+        plausible=plausibility_of(lab, text),
+        edits=edits,
+        command=command,
+        unsupported=tuple(map(short_problem, subject.deck.problems)) if lab.scene is None else (),
+        notes=tuple(_notes(lab, last is not first)),
+        text=text,
+        corrected=applied(originals, edits) if edits else {},
+        pictures=_pictures(lab, first),
+    )
+
+
+def _title(lab: Laboratory) -> str:
+    """Return name and size of what was checked."""
+    scene, state = lab.scene, lab.subject.deck.state
+    bodies = scene.n_body if scene is not None else len(state.particles.atoms)
+    many = f"{bodies} bodies" if bodies != 1 else "1 body"
+    contacts = f", {scene.n_contact} contact{'s' * (scene.n_contact != 1)}" if scene is not None else ""
+    return f"{lab.subject.name}: {many}{contacts}" if bodies else lab.subject.name
+
+
+def _why_unread(subject: Subject) -> str:
+    """Return in words why a script has no scene: the first line that is not supported, and how many more there are."""
+    problems = [short_problem(problem) for problem in subject.deck.problems]
+    if not problems:
+        return "the script has no run, and nothing moves at its start"
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return f"{problems[0]}{more}"
+
+
+def short_problem(problem: str) -> str:
+    """Return a problem of the reader with its line in front, without what is allowed.
+
+    Examples
+    --------
+    >>> short_problem("in.x, line 3: `fix 2 all pour` has the fix style pour, which is not supported; allowed: nve")
+    'line 3: `fix 2 all pour` has the fix style pour, which is not supported'
+    """
+    said = problem.partition("; allowed: ")[0]
+    return re.sub(r"^[^,:]*, (line \d+: )", r"\1", said)
+
+
+def _notes(lab: Laboratory, mended: bool) -> list[str]:
+    """Return how the numbers were found."""
+    subject = lab.subject
+    notes = list(subject.deck.read.notes) if subject.deck.read is not None and not subject.of_scene else []
+    if subject.added:
+        notes.append(
+            f"The script has no run: it was checked with `{subject.added[0].new}`, in which a front passes all bodies."
+        )
+    if subject.of_scene:
+        notes.append(f"The script is the deck of the scene at {number(subject.deck.dt)} s.")
+    notes += [f"Without effect on the scene: {short_problem(problem)}." for problem in subject.deck.overlooked]
+    if lab.scene is None:
+        notes.append("The law was not checked; the step by runs of LAMMPS at the step, a half and a quarter of it.")
+    else:
+        notes.append(
+            "Errors are those of velocities, largest over all bodies and samples, relative to the largest velocity of"
+            " the reference. The law is LAMMPS minus our velocity-Verlet code at the same step."
+        )
+    if mended:
+        notes.append("The step to write is that of the script with the other lines written.")
+    return notes
+
+
+def _pictures(lab: Laboratory, finding: Finding) -> Pictures | None:
+    """Return the samples for the page; None where there is no reference."""
+    if lab.scene is None or lab.problem or finding.law.outcome is Outcome.BROKEN or math.isinf(finding.step.error):
+        return None
+    try:
+        run, reference = lab.lammps(), lab.reference
+        if not run.finite:
+            return None
+        rows = min(len(run.velocity), len(reference.time))
+        error = (run.velocity[:rows] - reference.values["velocity"][:rows, list(run.bodies)]) / lab.speed
+    except DemBridgeError:
+        return None
+    if not np.all(np.isfinite(error)):
+        return None
+    sources = [("reference", reference.uncertainty["velocity"] / lab.speed)]
+    sources.append(("law", finding.law.difference))
+    deck = lab.subject.deck
+    assert deck.dt is not None  # see ``Laboratory.problem``
+    if deck.radius is not None:
+        round_off = float(np.max(np.abs(lab.twin(deck.dt, deck.radius) - lab.twin(deck.dt)))) / lab.speed
+        sources.append(("round-off", round_off))
+    sources.append(("time step", lab.twin_error(deck.dt)[1]))
+    return Pictures(time=reference.time[:rows], error=error, sources=tuple(sources))

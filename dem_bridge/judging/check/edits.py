@@ -1,0 +1,170 @@
+"""Lines of an input script that are changed, added or left out, such as those of another time step."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from dem_bridge.errors import UsageError
+from dem_bridge.lmp.reader.deck import ReadScript
+from dem_bridge.lmp.reader.script import Command, logical_lines
+
+#: how much longer than the least a series of steps may be for a time step with fewer digits
+_LONGER = 1.35
+#: relative difference of two durations that counts as round-off
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class Edit:
+    """One line of a file of a script that is replaced, or one that is added before it."""
+
+    file: str
+    line: int
+    """Number of the first line that is replaced, or of that before which the new one stands, from 1."""
+    new: str
+    added: bool = False
+
+    def __str__(self) -> str:
+        return self.new
+
+    @property
+    def place(self) -> str:
+        """Where the line belongs, in words."""
+        return f"{'before ' if self.added else ''}line {self.line} of {self.file}"
+
+
+def applied(texts: Mapping[str, str], edits: Sequence[Edit]) -> dict[str, str]:
+    r"""Return the texts of the files that edits change, by name.
+
+    Examples
+    --------
+    >>> edits = [Edit(file="in.x", line=2, new="run 4"), Edit(file="in.x", line=2, new="timestep 1", added=True)]
+    >>> applied({"in.x": "units si\nrun 2\n"}, edits)["in.x"].splitlines()
+    ['units si', 'timestep 1', 'run 4']
+    """
+    changed: dict[str, str] = {}
+    for file in dict.fromkeys(edit.file for edit in edits):
+        lines: dict[int, list[str]] = {n: [line] for n, line in enumerate(texts[file].splitlines(), start=1)}
+        numbers = [number for number, _ in logical_lines(texts[file])]
+        ends = dict(zip(numbers, [*numbers[1:], len(lines) + 1], strict=True))
+        of_file = [edit for edit in edits if edit.file == file]
+        for edit in (edit for edit in of_file if not edit.added):
+            for number in range(edit.line, _end_of(lines, edit.line, ends)):
+                lines[number] = []
+            lines[edit.line] = [edit.new]
+        for edit in (edit for edit in reversed(of_file) if edit.added):
+            lines.setdefault(edit.line, []).insert(0, edit.new)
+        changed[file] = "\n".join(line for n in sorted(lines) for line in lines[n]) + "\n"
+    return changed
+
+
+def _end_of(lines: Mapping[int, list[str]], first: int, ends: Mapping[int, int]) -> int:
+    """Return the number behind the last line of a command, without the blank lines that follow."""
+    last = first
+    while last + 1 < ends.get(first, first + 1) and lines[last] and lines[last][0].rstrip().endswith("&"):
+        last += 1
+    return last + 1
+
+
+def finer(texts: Mapping[str, str], commands: Iterable[Command], state: ReadScript, factor: int) -> tuple[Edit, ...]:
+    """Return the edits that divide all time steps of a script by a whole number and keep the duration of its runs.
+
+    Raises
+    ------
+    UsageError
+        If a line of the steps cannot be changed: one within a branch, or a run with the keywords start or stop.
+    """
+    seen: dict[tuple[str, int], Edit] = {}
+    has_step = False
+    first_run: Command | None = None
+    for command in commands:
+        has_step = has_step or (command.name == "timestep" and first_run is None)
+        if command.name == "run" and first_run is None:
+            first_run = command
+        place = (command.file, command.line)
+        if command.name in _SCALED and place not in seen:
+            seen[place] = _scaled(command, dict(logical_lines(texts[command.file]))[command.line], factor)
+    edits = tuple(seen.values())
+    if first_run is not None and not has_step and state.step is not None:
+        step = f"timestep {state.time_steps[0] / factor if state.time_steps else state.step / factor:.15g}"
+        edits = (Edit(file=first_run.file, line=first_run.line, new=step, added=True), *edits)
+    return tuple(sorted(edits, key=lambda edit: (edit.file, edit.line, not edit.added)))
+
+
+def only_steps(edits: Iterable[Edit]) -> tuple[Edit, ...]:
+    """Return the edits without those of runs, for a script that computes its numbers of steps from the time step."""
+    return tuple(edit for edit in edits if edit.new.startswith("timestep"))
+
+
+def keeps_duration(before: ReadScript, after: ReadScript, factor: float) -> bool:
+    """Return True if a changed script runs as long as before, in steps that are so many times shorter."""
+    steps = zip(before.time_steps, after.time_steps, strict=False)
+    finer = all(math.isclose(new * factor, old, rel_tol=_SAME) for old, new in steps)
+    as_long = math.isclose(before.duration, after.duration, rel_tol=_SAME)
+    return finer and as_long and len(before.time_steps) == len(after.time_steps)
+
+
+def tidy_factor(step: float, least: float) -> int:
+    """Return a whole number from ``least`` on that divides a time step to one of few digits.
+
+    Examples
+    --------
+    >>> tidy_factor(5e-6, 2.6), tidy_factor(1e-6, 7.0), tidy_factor(1e-6, 0.3)
+    (4, 8, 1)
+    """
+    first = max(1, math.ceil(least * (1.0 - 1e-12)))
+    if first == 1:
+        return 1
+    factors = range(first, max(first + 1, int(_LONGER * first)) + 1)
+    return min(factors, key=lambda factor: (len(f"{step / factor:.15e}".rstrip("0").split("e")[0].rstrip("0")), factor))
+
+
+def _scaled(command: Command, raw: str, factor: int) -> Edit:
+    """Return the edit of one ``timestep`` or ``run`` command."""
+    words = _split(raw)
+    if not words or words[0] != command.name or {"start", "stop"} & {*command.rest}:
+        raise UsageError(f"{command.file}, line {command.line}: `{command.text}` cannot be changed to other steps")
+    return Edit(file=command.file, line=command.line, new=_SCALED[command.name](command, words, factor))
+
+
+def _step(command: Command, words: list[str], factor: int) -> str:
+    """Return a ``timestep`` command with a step that is so many times shorter."""
+    return f"timestep {float(command.rest[0]) / factor:.15g}"
+
+
+def _run(command: Command, words: list[str], factor: int) -> str:
+    """Return a ``run`` command with so many times the steps."""
+    places = [1, *(place + 1 for place, word in enumerate(words) if word == "every")]
+    return " ".join(_times(word, factor) if place in places else word for place, word in enumerate(words))
+
+
+_SCALED: Mapping[str, Callable[[Command, list[str], int], str]] = {"timestep": _step, "run": _run}
+
+
+def _split(raw: str) -> list[str]:
+    """Return the words of a line as it is written, without its comment; formulas in brackets are one word."""
+    bare = re.sub(r"\s#.*", "", f" {raw}").strip()
+    return re.findall(r"\$\((?:[^()]|\([^()]*\))*\)|\"[^\"]*\"|\S+", bare)
+
+
+def _times(word: str, factor: int) -> str:
+    """Return a number of steps, or a formula of one, times a whole number.
+
+    Examples
+    --------
+    >>> _times("100", 4), _times("${n}", 4), _times("$(v_T/dt)", 4), _times("1e3", 2)
+    ('400', '$(4*v_n)', '$(4*(v_T/dt))', '2000')
+    """
+    if match := re.fullmatch(r"\$\{(\w+)\}|\$(\w)", word):
+        return f"$({factor}*v_{match[1] or match[2]})"
+    if word.startswith("$(") and ":" not in word:
+        return f"$({factor}*{word[1:]})"
+    if word.startswith("v_"):
+        return f"$({factor}*{word})"
+    try:
+        return f"{round(float(word) * factor)}"
+    except ValueError:
+        raise UsageError(f"a number of steps is written as {word!r}; allowed: a number or a variable") from None

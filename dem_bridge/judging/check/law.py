@@ -1,0 +1,202 @@
+"""Whether LAMMPS does what a script says: its run against our code at the same step, and defects of the release."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from dem_bridge.errors import DemBridgeError, UsageError
+from dem_bridge.judging.check.laboratory import Laboratory, LammpsRun
+from dem_bridge.judging.check.words import release, share
+from dem_bridge.judging.deck import UserDeck
+from dem_bridge.lmp.known_defects import KnownDefect, defects_of, mixing_warning
+from dem_bridge.observables.verdict import Outcome
+
+#: relative difference of LAMMPS from our code at the same step that only round-off explains, and the multiple of what a
+#: particle radius changes that counts as round-off, too
+WITHIN, _TIMES = 1e-7, 20.0
+#: how many times finer the steps are at which a difference is measured again, and the part of it that must be gone then
+_FINER, _LEFT = 4, 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawAnswer:
+    """What is left of LAMMPS minus the scene of its script if the time step is removed; relative."""
+
+    outcome: Outcome
+    sentence: str
+    difference: float = math.nan
+    allowed: float = WITHIN
+    cause: str = ""
+    """What is wrong: name of a known defect, "missed contacts", "mixing", or a cause of ``judge``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineAnswer:
+    """The release that ran the script, and its known defects that the script meets."""
+
+    version: int
+    defects: tuple[KnownDefect, ...]
+    bite: bool | None
+    """True if LAMMPS is wrong in this run, False if it is right in spite of them, None if this is not known."""
+    of_release: int = 0
+    """Number of known defects of the release."""
+
+    @property
+    def outcome(self) -> Outcome:
+        """PASS where no defect is met, or none changes the run."""
+        return Outcome.PASS if not self.defects or self.bite is False else Outcome.FAIL
+
+    @property
+    def sentence(self) -> str:
+        """The defects in a sentence."""
+        name = f"LAMMPS {release(self.version)}"
+        if not self.defects:
+            return f"{name}: none of its {self.of_release} known defects is met."
+        told = "; ".join(f"{item.name}: {item.size}" for item in self.defects)
+        effect = {True: " and suffers from", False: " and does not suffer from in this run", None: ""}[self.bite]
+        what = "a known defect" if len(self.defects) == 1 else "known defects"
+        return f"{name} has {what} that the script meets{effect}: {told}."
+
+    def as_json(self) -> dict[str, object]:
+        """Return the release and its defects."""
+        names = ("name", "symptom", "size", "instead", "upstream")
+        entries = [{key: getattr(item, key) for key in names} | {"bites": self.bite} for item in self.defects]
+        return {"release": self.version, "outcome": self.outcome.value, "sentence": self.sentence, "defects": entries}
+
+
+def engine_of(deck: UserDeck, version: int, law: Outcome) -> EngineAnswer:
+    """Return the known defects of a release that a script meets; they bite where the law is wrong."""
+    text = "\n".join(command.text for command in deck.commands)
+    bite = {Outcome.PASS: False, Outcome.FAIL: True}.get(law)
+    return EngineAnswer(
+        version=version, defects=defects_of(version, text), bite=bite, of_release=len(defects_of(version))
+    )
+
+
+def law_of(lab: Laboratory, factor: int = 1) -> LawAnswer:
+    """Return the answer on the law of a script with a scene, whose run with steps so many times shorter ended.
+
+    The difference is that from our code at the step of the script, with its particle radius. Where that is more than
+    round-off, finer steps tell a difference that falls with the step, such as that of a touch, from a wrong law.
+    """
+    run, deck = lab.lammps(factor), lab.subject.deck
+    if not run.finite:
+        return _wrong(lab, run, math.inf)
+    assert deck.dt is not None  # see ``Laboratory.problem``
+    dt = deck.dt / factor
+    closes = lab.prescan is None or float(np.max(lab.prescan.peak_overlap, initial=0.0)) > 0.0
+    if not closes:
+        return LawAnswer(outcome=Outcome.UNDECIDED, sentence="no contact closes during the run, so no law acts.")
+    difference, allowed = _difference(lab, run, dt)
+    name = law_name(deck)
+    if difference <= allowed:
+        said = f"{name}: LAMMPS and our code differ by {share(difference)} of the largest velocity at the same step."
+        return LawAnswer(outcome=Outcome.PASS, sentence=said, difference=difference, allowed=allowed)
+    try:
+        finer, allowed = _difference(lab, lab.lammps(_FINER * factor), dt / _FINER)
+    except UsageError as error:
+        return _unsure(name, difference, allowed, str(error))
+    if finer <= max(allowed, _LEFT * difference):
+        said = f"{name}: the difference from our code falls with the step, from {share(difference)} to {share(finer)}."
+        return LawAnswer(outcome=Outcome.PASS, sentence=said, difference=finer, allowed=allowed)
+    return _wrong(lab, run, finer)
+
+
+def law_by_steps(lab: Laboratory) -> LawAnswer:
+    """Return the answer on the law by LAMMPS at finer and finer steps against the reference, without our code."""
+    run = lab.lammps()
+    if not run.finite:
+        return _wrong(lab, run, math.inf)
+    name = law_name(lab.subject.deck)
+    try:
+        errors = [lab.error(lab.lammps(factor).velocity) for factor in (1, 2, _FINER)]
+    except UsageError as error:
+        return _unsure(name, lab.error(run.velocity), WITHIN, str(error))
+    if errors[2] <= max(_LEFT * errors[0], WITHIN):
+        sizes = ", ".join(map(share, errors))
+        said = f"{name}: LAMMPS nears the reference with the step, {sizes} away at 1, 1/2 and 1/4 of it."
+        return LawAnswer(outcome=Outcome.PASS, sentence=said, difference=errors[2])
+    return _wrong(lab, run, errors[2])
+
+
+def _difference(lab: Laboratory, run: LammpsRun, dt: float) -> tuple[float, float]:
+    """Return the difference of LAMMPS from our code at a step, and what round-off of positions explains."""
+    plain = lab.twin(dt)
+    radius = lab.subject.deck.radius
+    positional = plain if radius is None else lab.twin(dt, radius)
+    rows = min(len(plain), len(run.velocity))
+    columns = list(run.bodies)
+    with np.errstate(all="ignore"):
+        apart = np.abs(run.velocity[:rows] - positional[:rows, columns])
+        round_off = float(np.max(np.abs(positional - plain))) / lab.speed
+        nearest = min(float(np.max(apart)), float(np.max(np.abs(run.velocity[:rows] - plain[:rows, columns]))))
+    difference = nearest / lab.speed
+    return difference if math.isfinite(difference) else math.inf, max(WITHIN, _TIMES * round_off)
+
+
+def _unsure(name: str, difference: float, allowed: float, why: str) -> LawAnswer:
+    said = f"{name}: LAMMPS is {share(difference)} of the largest velocity away, and finer steps cannot be tried: {why}"
+    return LawAnswer(outcome=Outcome.UNDECIDED, sentence=said, difference=difference, allowed=allowed)
+
+
+def _wrong(lab: Laboratory, run: LammpsRun, difference: float) -> LawAnswer:
+    """Return the answer for a run that no step explains, with what is known of its cause."""
+    deck, name = lab.subject.deck, law_name(lab.subject.deck)
+    size = (
+        "velocities are not numbers" if math.isinf(difference) else f"LAMMPS is off by {share(difference)} at any step"
+    )
+    cause, why = "unknown", "the cause is not known; judge the script with the scene that you mean"
+    defects = engine_of(deck, run.version, Outcome.FAIL).defects
+    if defects:
+        cause, why = defects[0].name, f"known defect {defects[0].name}: {defects[0].symptom}"
+    elif deck.overlooked or run.dangerous:
+        cause = "missed contacts"
+        why = "contacts are missed between rebuilds of the neighbour list"
+    elif deck.read is not None and mixing_warning(deck.read.mixed, run.version):
+        cause, why = (
+            "mixing",
+            f"LAMMPS {release(run.version)} mixes the coefficients of two types otherwise than later ones",
+        )
+    elif not math.isinf(difference):
+        cause, why = _judged(lab)
+    return LawAnswer(outcome=Outcome.FAIL, sentence=f"{name}: {size}; {why}.", difference=difference, cause=cause)
+
+
+def _judged(lab: Laboratory) -> tuple[str, str]:
+    """Return the cause by which ``judge`` explains the run, and its evidence."""
+    from dem_bridge.judging.beside import judge_files
+
+    assert lab.scene is not None
+    lab.say("search for the cause")
+    try:
+        judgement = judge_files(
+            lab.scene,
+            [],
+            [lab.subject.path],
+            time_limit=lab.time_limit,
+            engine=lab.engine,
+            variables=lab.subject.variables or None,
+        )
+    except DemBridgeError as error:
+        return "unknown", f"the cause is not known ({error})"
+    return judgement.cause, judgement.evidence.rstrip(".")
+
+
+def law_name(deck: UserDeck) -> str:
+    """Return the contact law of a script in a few words: model and damping of its pairs, or its pair style."""
+    models = dict.fromkeys(c.rest[2] for c in deck.commands if c.name == "pair_coeff" and len(c.rest) > 2)
+    dampings = dict.fromkeys(
+        match[1]
+        for c in deck.commands
+        if c.name in ("pair_coeff", "fix") and (match := re.search(r" damping (\S+)", c.text))
+    )
+    style = deck.last("pair_style")
+    if not models or style is None or style.rest[:1] != ("granular",):
+        return " ".join(style.rest[:1]) if style is not None else "no pair_style"
+    damped = " and ".join(dampings) or "viscoelastic"
+    undamped = deck.read is not None and deck.read.scene.damping is None
+    return f"{' and '.join(models)}, {'no damping' if undamped else f'damping {damped}'}"

@@ -1,0 +1,84 @@
+"""`dem-bridge check`: eight lines, JSON, a page, exit codes, and what it says about its cost."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.helpers.checked_decks import script
+from tests.helpers.command_line import assert_one_line, run_here
+
+pytestmark = pytest.mark.lammps
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("check")
+    (folder / "in.coarse").write_text(script(per_contact=10.0))
+    (folder / "in.fine").write_text(script())
+    (folder / "no.csv").write_text("1,2\n")
+    return folder
+
+
+def test_a_coarse_step_is_answered_in_eight_lines_with_a_page(folder: Path) -> None:
+    done = run_here("check", "in.coarse", "-o", "page", cwd=folder)
+    assert done.returncode == 1
+    lines = done.stdout.splitlines()
+    assert len(lines) <= 8
+    assert lines[0].startswith("FAIL       The step is too coarse: at 3.5e-06 s velocities are wrong by 1.6 %")
+    assert lines[1].split("  #")[0].split() == ["write", "timestep", "7.022e-07"]
+    assert re.fullmatch(r"dem-bridge: check of in.coarse: about \d+ s\n", done.stderr)
+    page = (folder / "page" / "index.html").read_text()
+    assert {path.name for path in (folder / "page").iterdir()} >= {"index.html", "check.json", "figures", "tables"}
+    assert "timestep 7.022e-07" in page
+    assert "run 300" in (folder / "page" / "corrected" / "in.coarse").read_text()
+    assert not re.search(r'(src|href)="https?:', page)  # nothing is loaded from elsewhere
+    body = re.sub(r"<(script|style)[\s\S]*?</\1>", "", page)
+    for part in ("The step is too coarse", "law", "plausible", "no known defect"):  # without its script
+        assert part in body
+    data = json.loads((folder / "page" / "check.json").read_text())
+    assert (data["schema"], data["outcome"], data["advice"][0][:18]) == (
+        "dem-bridge/check/1",
+        "FAIL",
+        "timestep 7.022e-07",
+    )
+    # the script with the lines written is right
+    again = run_here("check", "page/corrected/in.coarse", "--json", cwd=folder)
+    assert (again.returncode, json.loads(again.stdout)["outcome"]) == (0, "PASS")
+
+
+def test_json_and_exit_codes_are_those_of_the_contract(folder: Path) -> None:
+    done = run_here("check", "in.fine", "--json", "--accuracy", "1e-5", cwd=folder)
+    data = json.loads(done.stdout)
+    assert (done.returncode, data["outcome"], data["step"]["accuracy"]) == (1, "FAIL", 1e-5)
+    assert list(data) == ["outcome", "law", "step", "engine", "plausibility", "advice"]
+    assert run_here("check", "in.fine", cwd=folder).returncode == 0
+
+
+def test_wrong_use_is_one_line(folder: Path) -> None:
+    done = run_here("check", "no.csv", cwd=folder)
+    assert done.returncode == 2
+    assert_one_line(done, "neither a LAMMPS input script nor a scene file")
+    judged = run_here("judge", "in.fine", cwd=folder)
+    assert judged.returncode == 2
+    assert_one_line(judged, "in.fine is a LAMMPS input script; write: dem-bridge check in.fine")
+
+
+def test_verify_takes_an_input_script_and_a_step(folder: Path) -> None:
+    words = ("in.coarse", "--accuracy", "1e-3", "-j", "1", "--force")
+    coarse = run_here("verify", *words, "--dt", "3.5e-6", "-o", "coarse", cwd=folder)
+    assert coarse.returncode == 1
+    verdicts = json.loads((folder / "coarse" / "verdicts.json").read_text())["verdicts"]
+    [velocity] = [
+        v
+        for v in verdicts
+        if (v["quantity"], v["backend"], v["reference"]) == ("velocity", "lammps-granular", "reference")
+    ]
+    assert 5e-3 < velocity["difference"] < 0.017  # as the check finds it, at fewer samples
+    assert run_here("verify", *words, "-o", "chosen", cwd=folder).returncode in (0, 4)
+    paper = run_here("verify", "paper", "--dt", "1e-7", "-o", "paper", cwd=folder)
+    assert paper.returncode == 2
+    assert_one_line(paper, "dt = 1e-07 was given for 'paper'")
