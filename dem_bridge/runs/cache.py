@@ -76,6 +76,10 @@ class RunCache:
         family: Family = self.families[case]
         return family
 
+    def has_family(self, case: Case) -> bool:
+        """Return True if there is the family of a case, or it is known that it has none."""
+        return replace(case, uncertainty=False) in self.families
+
     def adopt(self, other: RunCache) -> None:
         """Keep the runs and families of another cache."""
         self.runs |= other.runs

@@ -14,20 +14,20 @@ from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
-from dem_bridge.backends.base import Sampling
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.foundation.leftovers import sweep_temporary
 from dem_bridge.foundation.progress import Campaign, Interrupted, campaign, listening, stop_requested
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign.executors import Jobs, fingerprint_of, run_by_executor
+from dem_bridge.runs.campaign.nodes import Graph, Node, Run
 from dem_bridge.runs.campaign.pool import run_in_processes
 from dem_bridge.runs.campaign.results import Progress, Result, run_case
 from dem_bridge.runs.campaign.tasks import Outcome, Task, claim_of, is_stored, key_where_made, perform_task, with_run
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.digits import fingerprint, made_at
 from dem_bridge.runs.store import Store
-from dem_bridge.runs.uncertainty.estimate import TWIN, parts_of
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import UNKNOWN
 
@@ -105,34 +105,96 @@ def _run_planned(
     cache: RunCache,
 ) -> tuple[Result, ...]:
     """Run all cases; keys are those of the place where runs are planned to be made."""
-    # a case without a name is like no other
-    name_of = partial(_name, cache)
-    names = [name_of(case) or str(number) for number, case in enumerate(cases)]
-    results: dict[str, Result] = {}
-    left: dict[str, Case] = {}
-    # a run with its uncertainty is also that of the case without
-    for name, case in sorted(zip(names, cases, strict=True), key=lambda item: not item[1].uncertainty):
-        if name in results or name in left:
-            continue
-        run = cache.load_stored(case)
-        if run is None:
-            left[name] = case
-        else:
-            results[name] = Result(case=case, trajectory=run, key=cache.key(case))
-    parts = {name: parts_of(case, cache) if name_of(case) else None for name, case in left.items()}
-    todo = _to_run(left, parts, name_of)
-    remaining = {name: case.expected for name, case in todo.items()}
+    graph = Graph(cases, cache)
+    keeper = _Keeper(store, cache)
+    results = {node.name: Result(case=node.case, trajectory=node.run, key=node.key) for node in graph.stored}
+    shared = graph.shared
+    tasks = [
+        replace(_task(node, store, everything=everything), shared=node.name in shared)
+        for node in sorted(graph.tasks, key=_turn)
+    ]
+    remaining = {task.name: task.case.expected for task in tasks}
     whole = sum(remaining.values())
 
     def say(label: str, part: float = 0.0) -> None:
         if progress is not None:
             progress(len(cases) * (1.0 - (sum(remaining.values()) - part) / whole), len(cases), label)
 
-    def stored(result: Result, made: str | None, digits: str) -> Result:
+    with (
+        campaign(len(tasks) + len(results), len(results)) as state,
+        closing(_outcomes(tasks, jobs, say, state)) as outcomes,
+    ):
+        for task, outcome in outcomes:
+            del remaining[task.name]
+            if outcome.error is not None:
+                raise outcome.error
+            results[task.name] = keeper.take(task, outcome)
+            say(task.case.label)
+            state.update(done=1, failures=isinstance(outcome.failure, RunBroken))
+    if remaining:  # only where a stop is requested
+        after = "they are not kept" if store is None or store.trouble else "they are kept, and a second call goes on"
+        raise Interrupted(f"interrupted after {state.done} of {state.total} runs; {after}")
+    for node in graph.put_together():
+        results[node.name] = keeper.put_together(node, results, everything=everything)
+    if progress is not None:
+        progress(len(cases), len(cases), "")
+    return tuple(_as_of(case, results[name]) for case, name in zip(cases, graph.names, strict=True))
+
+
+def _turn(node: Node) -> tuple[float, float]:
+    """Return by what tasks are ordered: the longest first, so that all cores end at about the same time.
+
+    Those that take about as long are in random order, so that two campaigns over one store do not run the same.
+    """
+    return -float(f"{node.case.expected:.1g}"), random.random()
+
+
+def _task(node: Node, store: Store | None, *, everything: bool) -> Task:
+    """Return a node as the task of a worker."""
+    where: dict[str, Any] = {}
+    if store is not None:
+        where = {"key": node.key, "folder": store.folder, "limit": store.limit, "recompute": store.recompute}
+    return Task(name=node.name, case=node.case, everything=everything, **where)
+
+
+class _Keeper:
+    """What becomes of the outcomes of a campaign: results, which a store keeps."""
+
+    def __init__(self, store: Store | None, cache: RunCache) -> None:
+        self.store, self.cache = store, cache
+
+    def take(self, task: Task, outcome: Outcome) -> Result:
+        """Return the result of a task; what other nodes need of it is in the cache then."""
+        result = Result(case=task.case, trajectory=outcome.trajectory, failure=outcome.failure)
+        if outcome.cache is not None:
+            self.cache.adopt(outcome.cache)
+            if outcome.kept and result.trajectory is not None:
+                self.cache.keep(task.case, replace(result.trajectory, uncertainty=UNKNOWN))
+        if self.store is not None:
+            self.store.trouble = self.store.trouble or outcome.trouble
+        return replace(result, key=task.key) if outcome.kept else self._stored(result, outcome.key, outcome.digits)
+
+    def put_together(self, node: Node, results: Mapping[str, Result], *, everything: bool) -> Result:
+        """Return the result of a node that needs others, of whose results the first failure is its own."""
+        needed = [results[need] for need in node.needs]
+        if isinstance(node, Run) and node.estimate:
+            of_both = results[node.estimate]
+            run = None if of_both.trajectory is None else replace(of_both.trajectory, uncertainty=UNKNOWN)
+            # the entry of the estimate is that of the run, too
+            key = of_both.key if run is None else of_both.key and node.key
+            return Result(case=node.case, trajectory=run, failure=of_both.failure, key=key)
+        failed = [result for result in needed if result.failure]
+        result = failed[0] if failed else run_case(node.case, everything=everything, cache=self.cache)
+        # it is made of runs of the place that was planned, and stored if this is that place
+        made = None if self.store is None else key_where_made(node.case, node.key)
+        digits = fingerprint() if self.store is not None else ""
+        return self._stored(replace(result, case=node.case), made, digits)
+
+    def _stored(self, result: Result, made: str | None, digits: str) -> Result:
         """Store a result under ``made``, its key where it was made, unless the engine is or has become another."""
-        if store is None or made is None:
+        if self.store is None or made is None:
             return result
-        key = cache.key(result.case)
+        key = self.cache.key(result.case)
         if key != made:  # it was made at another place than planned, or the engine has become another
             if result.case.key != key:
                 return result
@@ -142,110 +204,8 @@ def _run_planned(
                 return result
         if result.trajectory is None:
             return replace(result, key=f"{key}: {result.failure}")
-        store.save(key, result.trajectory)
+        self.store.save(key, result.trajectory)
         return replace(result, key=key)
-
-    shared = _shared(todo, left, parts, name_of)
-    tasks = [
-        Task(
-            name=name,
-            case=case,
-            everything=everything,
-            key=None if store is None else cache.key(case),
-            folder=None if store is None else store.folder,
-            limit=0 if store is None else store.limit,
-            shared=name in shared,
-            recompute=store is not None and store.recompute,
-        )
-        for name, case in sorted(todo.items(), key=_turn)
-    ]
-    with (
-        campaign(len(tasks) + len(results), len(results)) as state,
-        closing(_outcomes(tasks, jobs, say, state)) as outcomes,
-    ):
-        for task, outcome in outcomes:
-            del remaining[task.name]
-            if outcome.error is not None:
-                raise outcome.error
-            result = Result(case=task.case, trajectory=outcome.trajectory, failure=outcome.failure)
-            if outcome.cache is not None:
-                cache.adopt(outcome.cache)
-                if outcome.kept and result.trajectory is not None:
-                    cache.keep(task.case, replace(result.trajectory, uncertainty=UNKNOWN))
-            if store is not None:
-                store.trouble = store.trouble or outcome.trouble
-            results[task.name] = (
-                replace(result, key=task.key) if outcome.kept else stored(result, outcome.key, outcome.digits)
-            )
-            say(task.case.label)
-            state.update(done=1, failures=isinstance(result.failure, RunBroken))
-    if remaining:  # only where a stop is requested
-        after = "they are not kept" if store is None or store.trouble else "they are kept, and a second call goes on"
-        raise Interrupted(f"interrupted after {state.done} of {state.total} runs; {after}")
-    for name, case in left.items():
-        if todo.get(name) == case:
-            continue
-        failed = [results[part] for part in map(name_of, parts[name] or ()) if part in todo and results[part].failure]
-        result = failed[0] if failed else run_case(case, everything=everything, cache=cache)
-        # it is made of runs of the place that was planned, and stored if this is that place
-        made = None if store is None else key_where_made(case, cache.key(case))
-        results[name] = stored(replace(result, case=case), made, fingerprint() if store is not None else "")
-    if progress is not None:
-        progress(len(cases), len(cases), "")
-    return tuple(_as_of(case, results[name], cache) for case, name in zip(cases, names, strict=True))
-
-
-def _turn(item: tuple[str, Case]) -> tuple[float, float]:
-    """Return by what cases are ordered: the longest first, so that all cores end at about the same time.
-
-    Those that take about as long are in random order, so that two campaigns over one store do not run the same.
-    """
-    return -float(f"{item[1].expected:.1g}"), random.random()
-
-
-def _name(cache: RunCache, case: Case) -> str | None:
-    """Return the name under which a case is the same with and without its uncertainty; None: it is like no other."""
-    return cache.key(replace(case, uncertainty=False))
-
-
-def _to_run(
-    left: Mapping[str, Case],
-    parts: Mapping[str, tuple[Case, ...] | None],
-    name_of: Callable[[Case], str | None],
-) -> dict[str, Case]:
-    """Return the cases to be solved, by name: those without parts, and the parts of the others."""
-    todo: dict[str, Case] = {}
-    for name, case in left.items():
-        needed = parts[name]
-        for part in (case,) if needed is None else needed:
-            part_name = name if needed is None else str(name_of(part))
-            if part.uncertainty or part_name not in todo:
-                todo[part_name] = part
-    # twins without uncertainty may be runs of the family of another twin
-    families = {_steps(case) for case in todo.values() if case.backend == TWIN and case.uncertainty}
-    return {
-        name: case
-        for name, case in todo.items()
-        if case.backend != TWIN or case.uncertainty or _steps(case) not in families
-    }
-
-
-def _steps(case: Case) -> tuple[Scene, float | None, Sampling]:
-    return case.scene, case.resolution.dt, case.sampling
-
-
-def _shared(
-    todo: Mapping[str, Case],
-    left: Mapping[str, Case],
-    parts: Mapping[str, tuple[Case, ...] | None],
-    name_of: Callable[[Case], str | None],
-) -> set[str]:
-    """Return the names of cases whose runs or families other cases need."""
-    needed = [part for of_case in parts.values() for part in of_case or ()]
-    # a twin that is solved with its family for another twin is no task
-    twins = {_steps(case) for case in (*needed, *left.values()) if case.backend == TWIN and name_of(case) not in todo}
-    shared = {str(name_of(part)) for part in needed}
-    return shared | {name for name, case in todo.items() if case.backend == TWIN and _steps(case) in twins}
 
 
 def run_groups(
@@ -316,14 +276,11 @@ def _stays(scene: Scene, *, of_main: bool = False) -> str:
     return "it is of the main program" if of_main and b"__main__" in packed else ""
 
 
-def _as_of(case: Case, result: Result, cache: RunCache) -> Result:
-    """Return the result of another case that differs in the name of its scene or has an uncertainty in addition."""
+def _as_of(case: Case, result: Result) -> Result:
+    """Return the result of another case that differs in the name of its scene."""
     run, name = result.trajectory, case.scene.name
     if run is not None and result.case.scene.name != name:
         run = replace(run, provenance={**run.provenance, "scene": name})
-    if run is not None and result.case.uncertainty and not case.uncertainty:
-        run = replace(run, uncertainty=UNKNOWN)
-        result = replace(result, key=result.key and cache.key(case))
     return replace(result, case=case, trajectory=run)
 
 

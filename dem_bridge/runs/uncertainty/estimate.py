@@ -108,29 +108,25 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
     return widen_for_the_end(widen_for_near_turns(uncertainty, case.scene, run, runs), case.scene, run)
 
 
-def parts_of(case: Case, cache: RunCache) -> tuple[Case, ...] | None:
-    """Return the cases from which :func:`solve` puts a case together, which others may share; None: it has no parts.
+def needs_of(case: Case) -> tuple[Case, ...]:
+    """Return the cases from which :func:`solve` puts a case together, which others may share; none: it has no parts.
 
-    Without its uncertainty a case that ``cache`` has is put together from nothing. The part of a case of LAMMPS or ASE
-    is the twin on the same steps, whose family is theirs.
+    A case of LAMMPS or ASE takes the family of the twin on the same steps, which is made for the uncertainty of that.
     """
+    if not case.uncertainty or case.backend == TWIN:
+        return ()
     alone = replace(case, uncertainty=False)
-    solved = cache.load(case) is not None
-    if not case.uncertainty:
-        return () if solved else None
     if _takes_twins(case.backend):
         from dem_bridge.runs.uncertainty.twins import twin_resolution
 
         twin = Case(scene=case.scene, backend=TWIN, resolution=twin_resolution(case), sampling=case.sampling)
-        if replace(twin, uncertainty=False) in cache.families:
-            return () if solved else (alone,)
-        return None if case.backend == TWIN else (*(() if solved else (alone,)), twin)
+        return alone, twin
     from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 
     looser = looser_cases(case)
     if not looser or any((other.resolution.rtol or 0.0) > LARGEST_RTOL for other in looser):
-        return None
-    return tuple(part for part in (alone, *looser) if cache.load(part) is None)
+        return ()
+    return alone, *looser
 
 
 def looser_cases(case: Case) -> tuple[Case, ...]:

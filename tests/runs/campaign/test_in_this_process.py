@@ -16,7 +16,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -36,6 +36,7 @@ from dem_bridge.runs.campaign import (
     tasks,
     workers_of,
 )
+from dem_bridge.runs.campaign.nodes import Node
 from dem_bridge.runs.campaign.tasks import Outcome, Task, Work, packed, perform_all, perform_task
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.claims import claimed
@@ -457,10 +458,10 @@ def test_a_law_that_stays_here_is_refused_for_several_processes_alone() -> None:
 
 
 def test_the_longest_begins_and_those_of_about_a_time_have_no_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    long, less, short = (SimpleNamespace(expected=value) for value in (26.0, 34.0, 2.0))
-    turns = [run._turn(("", case))[0] for case in (long, less, short)]  # type: ignore[arg-type]
-    assert turns == [-30.0, -30.0, -2.0]
-    assert len({run._turn(("", short))[1] for _ in range(4)}) > 1  # type: ignore[arg-type]
+    times = (26.0, 34.0, 2.0)
+    long, less, short = (Node(name="", key=None, case=cast(Case, SimpleNamespace(expected=each))) for each in times)
+    assert [run._turn(node)[0] for node in (long, less, short)] == [-30.0, -30.0, -2.0]
+    assert len({run._turn(short)[1] for _ in range(4)}) > 1
 
 
 def test_processes_are_worth_their_start_from_two_seconds_on(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,7 +26,7 @@ from dem_bridge.runs.uncertainty.estimate import (
     TWINS,
     estimate_uncertainty,
     looser_cases,
-    parts_of,
+    needs_of,
     solve,
 )
 from dem_bridge.runs.uncertainty.own_steps import blanes_moan_family
@@ -264,33 +264,21 @@ def test_the_run_and_both_looser_runs_are_a_third_of_the_progress_each(monkeypat
     assert seen[2::3] == pytest.approx([1 / 6, 3 / 6, 5 / 6], rel=1e-12)
 
 
-def test_the_parts_of_a_case_are_those_that_are_not_there_yet() -> None:
-    cache = RunCache()
+def test_a_case_needs_its_run_and_the_cases_that_others_may_share() -> None:
     twin, ase, scipy = _case("verlet", dt=1e-7), _case("ase", dt=1e-7), _case("scipy", rtol=1e-9)
-    alone = {name: replace(case, uncertainty=False) for name, case in (("twin", twin), ("ase", ase), ("scipy", scipy))}
-    for case in alone.values():
-        assert parts_of(case, cache) is None
+    for case in (twin, ase, scipy):
+        assert needs_of(replace(case, uncertainty=False)) == ()
     # the twin makes its family itself, and that of ASE is the twin's
-    assert parts_of(twin, cache) is None
-    assert parts_of(ase, cache) == (alone["ase"], twin)
-    assert parts_of(scipy, cache) == (alone["scipy"], *looser_cases(scipy))
+    assert needs_of(twin) == ()
+    assert needs_of(ase) == (replace(ase, uncertainty=False), twin)
+    assert needs_of(scipy) == (replace(scipy, uncertainty=False), *looser_cases(scipy))
     for name in ("reference", "ode45", "blanes-moan"):
-        assert parts_of(_case(name), cache) is None
-    cache.keep(ase, ase.solve())
-    assert parts_of(alone["ase"], cache) == ()
-    assert parts_of(ase, cache) == (twin,)
-    solve(twin, cache)
-    assert parts_of(twin, cache) == parts_of(ase, cache) == parts_of(alone["twin"], cache) == ()
-    other = _case("ase", dt=1e-7, surrogate_radius=1e-3)
-    assert parts_of(other, cache) == (replace(other, uncertainty=False),)
-    cache.keep(looser_cases(scipy)[0], ase.solve())
-    assert parts_of(scipy, cache) == (alone["scipy"], looser_cases(scipy)[1])
+        assert needs_of(_case(name)) == ()
 
 
-@pytest.mark.parametrize(("rtol", "parts"), [(LARGEST_RTOL / 20.0, 3), (LARGEST_RTOL / 19.0, None)])
-def test_looser_runs_beyond_the_largest_tolerance_are_no_parts(rtol: float, parts: int | None) -> None:
-    found = parts_of(_case("scipy", rtol=rtol), RunCache())
-    assert (None if found is None else len(found)) == parts
+@pytest.mark.parametrize(("rtol", "needs"), [(LARGEST_RTOL / 20.0, 3), (LARGEST_RTOL / 19.0, 0)])
+def test_looser_runs_beyond_the_largest_tolerance_are_not_needed(rtol: float, needs: int) -> None:
+    assert len(needs_of(_case("scipy", rtol=rtol))) == needs
 
 
 def test_the_largest_tolerance_has_an_uncertainty_too() -> None:

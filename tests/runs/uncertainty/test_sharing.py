@@ -16,8 +16,7 @@ from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.backends.scipy_dop853 import DEFAULT_RTOL, ScipyDop853
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.runs.cache import RunCache
-from dem_bridge.runs.campaign import run as campaign_run
-from dem_bridge.runs.campaign import run_cases, run_groups
+from dem_bridge.runs.campaign import nodes, run_cases, run_groups
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.runs.uncertainty.estimate import solve
@@ -100,7 +99,7 @@ def test_cases_that_share_nothing_repeat_runs(
     scene: Scene, kind: str, solves: Counter[tuple[Any, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the fault that the tests above catch
-    monkeypatch.setattr(campaign_run, "parts_of", lambda case, cache: None)
+    monkeypatch.setattr(nodes, "needs_of", lambda case: ())
     plan = plan_scene(scene, ACCURACY)
     assert plan.runs is not None
     other = replace(plan.runs.reference, backend="scipy")
