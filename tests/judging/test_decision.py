@@ -117,7 +117,7 @@ def test_methods_at_the_step_of_a_file_are_tried_up_to_a_fit_to_the_digits(
 @pytest.mark.parametrize(
     ("dt", "end", "size", "runs"),
     [
-        (1.0 / 400_000, 1.0, 1, True),
+        (2.0**-18, 400_000 * 2.0**-18, 1, True),
         (ENDLESS, 1.0, 1, False),
         (ENDLESS, 1.0, 0, True),  # one run without parameters may have more steps
         (1e-8, 0.09, 0, True),
@@ -148,6 +148,9 @@ def test_steps_of_all_methods_are_tried_where_a_hypothesis_is_promising() -> Non
     assert tried(9.0, error=0.1).counts(RK4) == few
     assert tried(9.0, error=0.15).counts(RK4) == few
     assert tried(9.0, even=False).counts(RK4) == []
+    # the methods of which a list is all are the first
+    methods = [stepping.method for *_, stepping in tried(9.0).predicted if stepping and 0.5 / stepping.dt > 90.0]
+    assert methods == [RK4, DRIFT_FIRST, VERLET]
     # a hypothesis that leaves ten times what another one leaves is not promising
     assert tried(29.0, rival(3.0)).counts(RK4) == many
     assert tried(30.0, rival(3.0)).counts(RK4) == []
@@ -277,7 +280,7 @@ class Planted(SyntheticFile):
         turn: float = 0.0, **fields: Any,
     ) -> None:  # fmt: skip
         fields.setdefault("even", False)
-        super().__init__(self.of_step, **{"time": (0.0, 1.0, 2.0), "scale": 1e7, **fields})
+        super().__init__(self.of_step, **{"time": (0.0, 0.5, 1.0, 2.0), "scale": 1e7, **fields})
         self.power, self.factor, self.shift, self.target = power, size, shift, target
         #: what is left at every step, and a change of the shape of the error with the step
         self.kink, self.turn = kink * np.array([0.0, 0.0, 0.0, 1.0]), turn * np.array([0.0, 0.0, 0.0, 1.0])
@@ -355,6 +358,11 @@ def test_ten_steps_are_tried_at_most() -> None:
     assert file.steps(VERLET) == pytest.approx([0.02, *(0.02 * math.sqrt(2.0) * 2.0**k for k in range(9))])
     # the linear combination of the scene and the error of the first step leaves nothing
     assert (fit.rms, fit.stepping) == (pytest.approx(0.0, abs=1e-6), None)
+    # so that steps nearby, of which 18 make an interval, are not tried
+    even = SyntheticFile(of_methods(100.0, 50.0, 100.0, 100.0))
+    even.decision(0.02).decide(hypothesis(), NOTHING, RIVAL)
+    assert even.counts(VERLET)[:2] == [25, 18]
+    assert 17 not in even.counts(VERLET)
 
 
 def test_the_best_of_the_steps_is_kept_if_the_linear_combination_is_worse() -> None:
@@ -410,6 +418,11 @@ def test_steps_nearby_are_tried_at_last(error: float, even: bool, nearby: bool) 
     assert ({*range(35, 46)} <= {*counts}) is nearby
     assert all(count in (*range(35, 46), 25) for count in counts)
     assert fit.rms == pytest.approx(4.5, rel=0.05)
+    # from the parameter of the step that is found
+    with_parameter = Planted(target=0.0125, kink=9.0, shift=3.0, even=True)
+    with_parameter.search(size=1)
+    assert {*range(35, 46)} <= {*with_parameter.counts(VERLET)}
+    assert 0.0 not in with_parameter.parameters(VERLET)
 
 
 @pytest.mark.parametrize(("count", "nearby"), [(1.7, False), (2.0, True), (2.3, True), (3.0, True)])
@@ -522,7 +535,7 @@ def fit_of(residual: Sequence[float], slope: Any, **changes: Any) -> Fit:
 
 
 def test_a_fit_has_the_sizes_of_its_residual() -> None:
-    residual, slope = [3.0, -4.0, 12.0], [3.0, 0.0, 4.0]
+    residual, slope = [3.0, -4.0, -12.0], [3.0, 0.0, 4.0]
     fit = fit_of(residual, slope)
     assert (fit.rms, fit.largest, fit.stepping) == (pytest.approx(math.sqrt(169.0 / 3.0)), 12.0, None)
     # 0.5, 0.5 and 0.1 of a scale of 4 and 2: 2 and 1.2 in units of the quantities
