@@ -3,8 +3,9 @@
 A line of code is neither blank nor a comment or docstring alone. A circle is a group of rooms (or modules) each of
 which names each other one, directly or through others; ``house_graph.py`` says what a room and a naming are. Kernels
 are the functions that numba compiles. A private function is called by a test where its name begins with one
-underscore and the package defines it. A monkeypatch is a call of ``setattr``, ``delattr``, ``setitem`` or ``delitem``
-of a fixture, or of ``mock.patch``; variables of the environment are not counted. Modules that are imported by one
+underscore, the package defines it and no test does; names of protocols such as ``_repr_html_`` are public. A
+monkeypatch is a call of ``setattr``, ``delattr``, ``setitem`` or ``delitem`` of a fixture, or of ``mock.patch``;
+variables of the environment are not counted. Modules that are imported by one
 other are no ``__init__``. Only text is read.
 """
 
@@ -115,7 +116,7 @@ def count_tests(tests: Mapping[str, Module], modules: Mapping[str, Module]) -> d
 
 def private_calls(module: Module, private: set[str]) -> Iterator[str]:
     """Yield the private functions of the package that a test calls, one for each call."""
-    own = {node.name for node in module.functions}
+    own = {node.name for node in module.functions} | _names_of_tests(module)
     for node in module.nodes:
         if isinstance(node, ast.Call):
             target = node.func
@@ -126,6 +127,13 @@ def private_calls(module: Module, private: set[str]) -> Iterator[str]:
                     yield target.attr
             elif isinstance(target, ast.Name) and target.id in private - own:
                 yield target.id
+
+
+def _names_of_tests(module: Module) -> set[str]:
+    """Return the names that a test imports from other tests."""
+    froms = [node for node in module.nodes if isinstance(node, ast.ImportFrom)]
+    ours = [node for node in froms if node.level or (node.module or "").partition(".")[0] == "tests"]
+    return {alias.asname or alias.name for node in ours for alias in node.names}
 
 
 def patched(module: Module) -> Iterator[str]:
@@ -183,7 +191,7 @@ def table(columns: Mapping[str, Mapping[str, int]]) -> str:
 
 
 def _is_private(name: str) -> bool:
-    return name.startswith("_") and not name.startswith("__")
+    return name.startswith("_") and not name.startswith("__") and not name.endswith("_")
 
 
 def _is_any(node: ast.AST) -> bool:
