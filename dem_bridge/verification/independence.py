@@ -80,15 +80,21 @@ def _reached_by_uncertainty(backend: str) -> frozenset[str]:
 def _closure(start: str, stops: frozenset[str]) -> frozenset[str]:
     results, waiting = {start}, [start]
     while waiting:
-        for name in _imports(waiting.pop()) - results - stops:
+        for name in imported_modules(waiting.pop()) - results - stops:
             results.add(name)
             waiting.append(name)
     return frozenset(results)
 
 
 @cache
-def _imports(module: str) -> frozenset[str]:
-    """Modules of this package that a module's source names, in functions too; for type checkers alone too."""
+def imported_modules(module: str) -> frozenset[str]:
+    """Return the modules of this package that the source of a module names, in functions and for checkers of types too.
+
+    It is the seam at which a test plants an import.
+
+    >>> sorted(imported_modules("dem_bridge.scene.support"))
+    ['dem_bridge.scene.features', 'dem_bridge.scene.scene']
+    """
     spec = find_spec(module)
     assert spec is not None
     assert spec.origin is not None

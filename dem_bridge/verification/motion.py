@@ -24,11 +24,17 @@ _FORMS = (0, 3, 4, 5)
 def motion(studies: Sequence[SceneStudy]) -> Figure | None:
     """Draw the velocities and the contact forces of one scene; None without a run."""
     [study] = studies
+    layout = motion_panels(study)
+    return None if layout is None else draw_figure(layout)
+
+
+def motion_panels(study: SceneStudy) -> FigureData | None:
+    """Return the panels of :func:`motion`: velocities and forces; None without a run."""
     run = study.run(study.engine) or study.run(REFERENCE)
     if run is None:
         return None
     panels = (_velocities(study, run), _forces(study.scene, run))
-    return draw_figure(FigureData(id="", title="", caption="", panels=panels, columns=2))
+    return FigureData(id="", title="", caption="", panels=panels, columns=2)
 
 
 def _velocities(study: SceneStudy, run: Trajectory) -> Panel:

@@ -43,6 +43,8 @@ class Seam(StrEnum):
     RUN_DECK = "dem_bridge.judging.deck.run_deck"
     RUN_PROGRAM = "dem_bridge.judging.foreign.run_program"
     PRESCAN = "dem_bridge.judging.foreign.prescan_hertz"
+    # verification: what the modules of a backend import
+    IMPORTED_MODULES = "dem_bridge.verification.independence.imported_modules"
 
 
 def plant(monkeypatch: pytest.MonkeyPatch, seam: Seam, value: object) -> None:

@@ -9,7 +9,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.report.drawing import draw_figure
-from dem_bridge.report.study import FigureData
+from dem_bridge.report.study import Panel
 from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
@@ -17,7 +17,7 @@ from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.chains import error_scale
 from dem_bridge.verification.closed_form import closed_form, closed_form_table
-from dem_bridge.verification.motion import _forces, _velocities, motion
+from dem_bridge.verification.motion import motion_panels
 from dem_bridge.verification.roles import REFERENCE, assign_roles
 from tests.helpers.legibility import assert_legible
 
@@ -38,6 +38,14 @@ def _study(scene: Scene, run: Trajectory | None = None) -> SceneStudy:
     run = db.solve(scene, backend=REFERENCE) if run is None else run
     case = Case(scene=scene, backend=REFERENCE, resolution=Resolution(), sampling=Sampling(count=scene.samples))
     return SceneStudy(roles=assign_roles(scene), others=(Result(case=case, trajectory=run),), verdicts=())
+
+
+def _panels(study: SceneStudy) -> tuple[Panel, ...]:
+    """Return the panels of the figure of a scene, which is legible."""
+    figure = motion_panels(study)
+    assert figure is not None
+    assert_legible(draw_figure(figure))
+    return figure.panels
 
 
 @pytest.mark.parametrize("scene", [PAIR, RIGHT, LEFT], ids=lambda scene: scene.name)
@@ -76,9 +84,7 @@ def test_a_damped_collision_is_compared_by_its_velocities(scene: Scene, damping:
     wrong = closed_form_table([_study(scene, db.solve(more, backend=REFERENCE))])
     assert wrong is not None
     assert max(abs(float(row[4])) for row in wrong.rows) > 1e-4
-    [run] = [result.trajectory for result in study.results]
-    assert run is not None
-    assert [line.label for line in _forces(scene, run).series][-1] != "closed form"
+    assert "closed form" not in [line.label for line in _panels(study)[1].series]
 
 
 def test_a_collision_with_adhesion_has_a_largest_force_and_loses_nothing() -> None:
@@ -125,28 +131,22 @@ def test_what_is_no_single_collision_of_a_power_law_has_no_closed_form(scene: Sc
 
 def test_the_figure_of_a_collision_has_its_closed_form_beside_velocities_and_forces() -> None:
     study = _study(PAIR)
-    [run] = [result.trajectory for result in study.results]
-    assert run is not None
     exact = closed_form(PAIR)
     assert exact is not None
-    levels = [line.y[0] for line in _velocities(study, run).series if line.label == "closed form"]
+    velocities, forces = _panels(study)
+    levels = [line.y[0] for line in velocities.series if line.label == "closed form"]
     assert levels == list(exact.exit_velocity)
-    force = _forces(PAIR, run)
-    assert [line.label for line in force.series] == ["contact 0", "closed form"]
-    assert force.series[1].y[0] == pytest.approx(run.peak_force[0], rel=1e-12)
+    assert [line.label for line in forces.series] == ["contact 0", "closed form"]
+    run = study.run(REFERENCE)
+    assert run is not None
+    assert forces.series[1].y[0] == pytest.approx(run.peak_force[0], rel=1e-12)
     assert error_scale([study]) is None
-    figure = motion([study])
-    assert figure is not None
-    assert_legible(figure)
+    assert motion_panels(replace(study, others=())) is None
 
 
 def test_many_bodies_are_a_map_and_a_wall_has_its_name() -> None:
     chain = replace(
         PAIR, name="ten", mass=(8e-3,) * 10, stiffness=(4e9,) * 9, velocity=(0.8,) + (0.0,) * 9, exponent=2.5, gap=0.0
     )
-    run = db.solve(chain, backend=REFERENCE)
-    panels = (_velocities(_study(chain, run), run), _forces(chain, run))
-    assert all(panel.map is not None for panel in panels)
-    assert_legible(draw_figure(FigureData(id="", title="", caption="", panels=panels)))
-    wall = _forces(RIGHT, db.solve(RIGHT, backend=REFERENCE))
-    assert [line.label for line in wall.series] == ["wall right", "closed form"]
+    assert all(panel.map is not None for panel in _panels(_study(chain)))
+    assert [line.label for line in _panels(_study(RIGHT))[1].series] == ["wall right", "closed form"]

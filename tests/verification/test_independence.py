@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dem_bridge.backends.base import BACKENDS, backend
-from dem_bridge.verification import independence
-from dem_bridge.verification.independence import matrix, shared
+from dem_bridge.verification.independence import ANSWERS_THROUGH, ASIDE, LANGUAGE, imported_modules, matrix, shared
+from tests.helpers.seams import Seam, plant
 
 #: judged, judge -> what they may share for the values of a run
 JUDGED = {
@@ -51,8 +51,12 @@ def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_
     found = shared("lammps-table", "verlet")
     assert set(found.uncertainty) == lent | emulated | {"curves", "fused"} | rules
     # what LAMMPS reads is written without the emulation
-    reached = independence._short(independence._reached("lammps-table", without=independence.ASIDE))
-    assert not emulated & set(reached)
+    reached, waiting = set[str](), [BACKENDS["lammps-table"].module]
+    while waiting:
+        waiting += (more := imported_modules(waiting.pop()) - reached - LANGUAGE - ASIDE)
+        reached |= more
+    assert "dem_bridge.lmp.table" in reached
+    assert not emulated & {name.rpartition(".")[2] for name in reached}
 
 
 def test_the_matrix_has_every_pair_once() -> None:
@@ -60,16 +64,14 @@ def test_the_matrix_has_every_pair_once() -> None:
 
 
 def test_a_solver_that_is_shared_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    honest = independence._imports
-
     def planted(module: str) -> frozenset[str]:
         more = {"dem_bridge.backends.twin"} if module == "dem_bridge.backends.taylor" else set()
-        return honest(module) | more
+        return imported_modules(module) | more
 
-    monkeypatch.setattr(independence, "_imports", planted)
+    plant(monkeypatch, Seam.IMPORTED_MODULES, planted)
     assert "twin" in shared("verlet", "reference").values
 
 
 def test_the_fallback_of_the_reference_is_named_and_real() -> None:
-    for one, other in independence.ANSWERS_THROUGH.items():
-        assert BACKENDS[other].module in independence._imports(BACKENDS[one].module)
+    for one, other in ANSWERS_THROUGH.items():
+        assert BACKENDS[other].module in imported_modules(BACKENDS[one].module)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.scene.file.text import scene_toml
 from dem_bridge.verification.regression import run
 from dem_bridge.verification.regression.compare import Change
 from dem_bridge.verification.regression.run import Selection, compare_engines
@@ -17,10 +19,18 @@ from tests.helpers.three_bodies import THREE
 BASELINES = Path(__file__).parents[3] / "reports" / "baselines"
 
 
-def test_a_scene_of_the_user_has_no_source_and_a_shipped_one_its_name() -> None:
-    shipped = db.load_scene("decelerating-40")
-    assert Selection()._load(shipped) == (shipped, "decelerating-40")
-    assert Selection()._load(THREE) == (THREE, "")
+def test_a_scene_of_the_user_has_no_source_and_a_shipped_one_its_name(tmp_path: Path) -> None:
+    shipped, file = db.load_scene("decelerating-40"), tmp_path / "scenes" / "three.toml"
+    file.parent.mkdir()
+    file.write_text(scene_toml(replace(THREE, name="of-a-file")))
+    selection = Selection(scenes=(shipped, THREE, file, "accelerating-40"), backends=("bca",), folder=tmp_path / "new")
+    tasks, gone = selection.tasks()
+    # a file is found from the baselines
+    assert [(task.case.scene.name, task.source) for task in tasks] == [
+        ("decelerating-40", "decelerating-40"), (THREE.name, ""), ("of-a-file", "../scenes/three.toml"),
+        ("accelerating-40", "accelerating-40"),
+    ]  # fmt: skip
+    assert gone == []
 
 
 def test_a_backend_with_a_baseline_is_selected_once() -> None:
