@@ -29,6 +29,7 @@ from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty.estimate import solve as solve_case
 from dem_bridge.scene.file import scene_of
 from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -419,7 +420,7 @@ def _check_accuracy(solver: Backend, scene: Scene, run: Trajectory, accuracy: fl
     """Raise UsageError where the uncertainty of a run is above the accuracy."""
     velocity, scale = run.uncertainty["velocity"], float(abs(run.velocity).max())
     if velocity > accuracy * scale:
-        floor = velocity / scale if scale > 0.0 else float("inf")
+        floor = relative_size(velocity, scale)
         raise UsageError(
             f"accuracy = {accuracy:g} is not reached by {solver.name} on {scene.name}: its uncertainty is {floor:.2g};"
             " ask for less, or take another backend"

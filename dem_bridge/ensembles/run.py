@@ -28,7 +28,8 @@ from dem_bridge.runs.campaign import Away, Progress, Result, for_workers, run_ca
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Scene
-from dem_bridge.trajectory.trajectory import Floats, own_scale
+from dem_bridge.trajectory.relative import own_scale
+from dem_bridge.trajectory.trajectory import Floats
 
 if TYPE_CHECKING:
     import pandas as pd

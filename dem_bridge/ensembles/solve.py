@@ -18,7 +18,8 @@ from dem_bridge.physics.statics import static_forces
 from dem_bridge.scene import features
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.support import Support
-from dem_bridge.trajectory.trajectory import Floats, own_scale
+from dem_bridge.trajectory.relative import own_scale, relative_size
+from dem_bridge.trajectory.trajectory import Floats
 
 #: scenes whose chains can be solved in lanes
 LANED = Support(
@@ -166,9 +167,10 @@ def difference(values: Floats, reference: Floats) -> Floats:
     reference, values = (item.reshape(len(item), -1) for item in (reference, values))
     scale = np.array([own_scale(row) for row in reference])
     missing = np.isnan(values) != np.isnan(reference)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        off = np.abs(values - reference) / scale
-    return np.asarray(np.max(np.where(missing, np.inf, np.nan_to_num(off, nan=0.0)), axis=1, initial=0.0))
+    off = relative_size(np.abs(values - reference), scale)
+    return np.asarray(
+        np.max(np.where(missing, np.inf, np.nan_to_num(off, nan=0.0, posinf=np.inf)), axis=1, initial=0.0)
+    )
 
 
 def steps_for(scene: Scene, chains: Chains, accuracy: float, samples: int | None = None) -> int:

@@ -25,6 +25,7 @@ from dem_bridge.report.study import FigureData, Series
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.relative import relative_size
 
 TEXTS = Texts("judge", "dem_bridge.judging")
 #: codes that run beside a foreign one, with their names on the page and their styles of drawing
@@ -151,7 +152,7 @@ def _own_runs(scene: Scene, code: str, quantity: str, steps: Sequence[float], ti
         )
         run = case.solve(chosen)
         error = float(np.max(np.abs(getattr(run, quantity) - reference.values[quantity])))
-        relative = error / scale if (scale := reference.largest[quantity]) > 0.0 else math.nan
+        relative = relative_size(error, reference.largest[quantity])
         results.append(CodeRun(code=BESIDE[code][0], dt=dt, error=relative, wall=run.cost.wall, cpu=run.cost.cpu))
     return results[1:]
 

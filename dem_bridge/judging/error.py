@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dem_bridge.formats.readers import Record
 from dem_bridge.judging.reference import UNITS, ReferenceSamples, reference_at
 from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Floats
 
 
@@ -63,8 +64,8 @@ class QuantityErrors:
         return f"{'contact' if self.quantity == 'contact_force' else 'body'} {self.columns[self.worst[1]]}"
 
     def relative(self, value: float) -> float:
-        """Return a value relative to the scale; nan for a scale of 0."""
-        return value / self.scale if self.scale > 0.0 else float("nan")
+        """Return a value relative to the scale, as :func:`~dem_bridge.trajectory.relative.relative_size` has it."""
+        return relative_size(value, self.scale)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -296,9 +296,8 @@ def _without_reference(files: Sequence[FileErrors]) -> QuantityErrors | None:
 
 
 def _floors(files: Sequence[FileErrors]) -> list[float]:
-    """Return what digits and reference leave open of each quantity, relative to its scale."""
-    floors = [part.relative(part.floor) for file in files for part in file.quantities.values()]
-    return [floor for floor in floors if not math.isnan(floor)]
+    """Return what digits and reference leave open of each quantity that has a scale, relative to it."""
+    return [part.relative(part.floor) for file in files for part in file.quantities.values() if part.scale > 0.0]
 
 
 def _check_steps(records: Sequence[Record]) -> None:

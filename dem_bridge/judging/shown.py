@@ -248,7 +248,7 @@ def _step_for(judgement: Judgement, error: float) -> float:
     steps = []
     for name, (file, part) in judgement.worst.items():
         order = judgement.order.get(name, {}).get("value", 0.0)
-        if file.record.dt is not None and order > 0.5 and part.value > 0.0:
+        if file.record.dt is not None and order > 0.5 and part.value > 0.0 < part.scale:
             steps.append(file.record.dt * (error / part.relative(part.value)) ** (1.0 / order))
     if not steps and judgement.cause == "none" and judgement.diagnosis.step is not None:
         return judgement.diagnosis.step.largest_for(error)

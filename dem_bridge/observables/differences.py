@@ -18,6 +18,7 @@ from dem_bridge.foundation.summary import summary
 from dem_bridge.observables.errors import reduced, relative_to
 from dem_bridge.observables.registry import Reading, observable_named
 from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import VOCABULARY, Floats, Trajectory
 
 #: arrays with an entry for each sample
@@ -245,7 +246,7 @@ def compare_runs(run: Trajectory, reference: Trajectory, tolerance: float = 0.0)
     velocities = all(_known(trajectory, "velocity") for _, trajectory in labelled)
     # a divergence must exceed the error of the interpolation, too; between the two nothing is decided
     scale = float(np.max(np.abs(second.velocity))) if velocities else 1.0
-    margin = interpolation.get("velocity", 0.0) / scale if scale else 0.0
+    margin = relative_size(interpolation.get("velocity", 0.0), scale)
     divergence = first_divergence(first, second, tolerance + margin) if velocities else None
     within = not velocities or first_divergence(first, second, max(0.0, tolerance - margin)) is None
     return Comparison(

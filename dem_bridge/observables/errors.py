@@ -19,6 +19,7 @@ from dem_bridge.observables.registry import Observable, observable_named
 from dem_bridge.observables.registry import Reading as Reading
 from dem_bridge.observables.registry import Window as Window
 from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 
@@ -86,16 +87,10 @@ def relative_to(reference: Reading, reading: Reading) -> RelativeError:
     # samples always have a value: one that is not a number is no agreement
     agreed = missing[0] & missing[1] & ("time" not in reference.observable.axis)
     return RelativeError(
-        values=np.where(agreed, np.nan, _over(apart, reference.scale)),
-        uncertainty=_over(reading.uncertainty, reference.scale),
-        reference_uncertainty=_over(reference.uncertainty, reference.scale),
+        values=np.where(agreed, np.nan, relative_size(apart, reference.scale)),
+        uncertainty=relative_size(reading.uncertainty, reference.scale),
+        reference_uncertainty=relative_size(reference.uncertainty, reference.scale),
     )
-
-
-def _over(values: Floats, scale: Floats) -> Floats:
-    """Return values over their scale; nothing over nothing is nothing, anything else over nothing infinite."""
-    nothing = np.where(np.isnan(values), np.nan, np.where(values == 0.0, 0.0, math.inf))
-    return np.divide(values, scale, out=nothing, where=scale > 0.0)
 
 
 def relative_error(

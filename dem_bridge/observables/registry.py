@@ -22,7 +22,8 @@ from dem_bridge.errors import UsageError
 from dem_bridge.observables import conserved, front
 from dem_bridge.observables.forces import contact_force_uncertainty, first_peak_force
 from dem_bridge.scene.scene import Scene
-from dem_bridge.trajectory.trajectory import VOCABULARY, Floats, Trajectory, own_scale
+from dem_bridge.trajectory.relative import own_scale
+from dem_bridge.trajectory.trajectory import VOCABULARY, Floats, Trajectory
 
 #: a quantity of a scene and a run of it, ``(n_axis, ...)`` in the order of ``Observable.axis``
 Reader = Callable[[Scene, Trajectory], Floats]

@@ -25,6 +25,7 @@ from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, map_in_threads
 from dem_bridge.scene.file import load_scene, shipped_scenes
 from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Floats
 
 TEXTS = Texts("precision", "dem_bridge.studies")
@@ -152,7 +153,7 @@ def errors_of(scene: Scene, factor: int = 1, with_reference: bool = False) -> It
 
 def relative(velocity: Floats, reference: Floats) -> float:
     """Return the largest difference relative to the largest reference velocity; inf if one is not finite."""
-    difference = float(np.max(np.abs(velocity - reference)) / np.max(np.abs(reference)))
+    difference = relative_size(float(np.max(np.abs(velocity - reference))), float(np.max(np.abs(reference))))
     return difference if math.isfinite(difference) else math.inf
 
 

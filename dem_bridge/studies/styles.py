@@ -43,7 +43,8 @@ from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Progress
 from dem_bridge.runs.uncertainty.fixed_step import REALISATIONS, last_digit
 from dem_bridge.scene.scene import Scene
-from dem_bridge.trajectory.trajectory import QUANTITIES, SMALLEST_SCALE, Trajectory
+from dem_bridge.trajectory.relative import SMALLEST_SCALE, relative_size
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 
 TEXTS = Texts("styles", "dem_bridge.studies")
 #: columns of the matrix
@@ -372,7 +373,7 @@ def tolerances_of(base: Base, deck: Deck, changes: Mapping[str, float]) -> dict[
     sums = 4.0 * largest + base.scene.summed_outer_force
     # equal increments of displacements round alike
     more = {"displacement": 0.5 * plan.steps * eps}
-    more["peak_force"] = eps * sums / (SMALLEST_SCALE * largest) if largest > 0.0 else 0.0
+    more["peak_force"] = relative_size(eps * sums, SMALLEST_SCALE * largest)
     return {
         name: REALISATIONS * (floor[name] + digit) + more.get(name, 0.0) + changes.get(name, 0.0) for name in COLUMNS
     }

@@ -20,6 +20,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.foundation.arguments import check_arguments, is_path
 from dem_bridge.foundation.files import check_file, write_whole
 from dem_bridge.foundation.stopwatch import Stopwatch
+from dem_bridge.trajectory.relative import own_scale
 from dem_bridge.version import schema_fault
 
 if TYPE_CHECKING:
@@ -34,8 +35,6 @@ PREVIOUS = "dem-bridge/trajectory/1"
 #: quantities with an uncertainty: two are sampled in time, two have one value per contact
 SAMPLED, PER_CONTACT = ("velocity", "displacement"), ("peak_force", "crossing_time")
 QUANTITIES = (*SAMPLED, *PER_CONTACT)
-#: no scale of a contact or body is smaller than this part of the largest in the chain
-SMALLEST_SCALE = 1e-3
 Floats = NDArray[np.float64]
 
 #: quantity -> (unit, description, dimensions), for every backend, file and table
@@ -405,18 +404,6 @@ def _array(name: str, values: Any) -> Floats:
     except (TypeError, ValueError):  # lists of unequal lengths
         pass
     raise UsageError(f"{name} is of type {type(values).__name__}; allowed: an array of real numbers")
-
-
-def own_scale(values: Floats) -> Floats:
-    """Return the scale of each contact's or body's value: its magnitude, at least a thousandth of the largest.
-
-    A contact or body with almost no force or motion is thus measured against the chain.
-
-    >>> own_scale(np.array([-4.0, 1e-9, np.nan])).tolist()
-    [4.0, 0.004, 0.004]
-    """
-    size = np.nan_to_num(np.abs(values))
-    return np.asarray(np.maximum(size, SMALLEST_SCALE * float(np.max(size, initial=0.0))))
 
 
 def cost_as_json(cost: Cost) -> dict[str, Any]:

@@ -23,6 +23,7 @@ import numpy as np
 from dem_bridge.observables.differences import Readings
 from dem_bridge.observables.verdict import plain
 from dem_bridge.runs.uncertainty.fixed_step import REALISATIONS
+from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 
 
@@ -105,5 +106,5 @@ def allowance(
         # a body that drifts adds the same increment at every step, which may fall on either side of a tie each time
         farthest = 2.0 * float(positional.provenance["settings"]["surrogate_radius"]) * twin.velocity.shape[1]
         largest = float(np.max(np.abs(twin.displacement), initial=0.0))
-        allowed += twin.cost.steps * float(np.spacing(farthest + largest)) / max(largest, 1e-300)
+        allowed += relative_size(twin.cost.steps * float(np.spacing(farthest + largest)), largest)
     return allowed

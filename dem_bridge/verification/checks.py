@@ -27,6 +27,7 @@ from dem_bridge.observables.differences import Difference, first_divergence
 from dem_bridge.observables.registry import OBSERVABLES, observable_named
 from dem_bridge.observables.verdict import Outcome, Verdict, judge, judge_relative, numerical_verdict
 from dem_bridge.runs.campaign import Result
+from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, Roles
 
@@ -209,7 +210,7 @@ def order(roles: Roles, name: str, refinement: tuple[list[float], list[float]], 
     expected = order_on(roles.scene)
     allowed = ORDER_TOLERANCE[expected]
     steps, errors = refinement[0][:-1], refinement[1][:-1]
-    floor = 10.0 * reference.uncertainty["velocity"] / max(float(np.max(np.abs(reference.velocity))), 1e-300)
+    floor = 10.0 * relative_size(reference.uncertainty["velocity"], float(np.max(np.abs(reference.velocity))))
     fit: ObservedOrder = observed_order(steps, errors, floor=floor)
     deviation, uncertainty, why, outcome = abs(fit.order - expected), math.inf, "", Outcome.NOT_RUN
     if fit.points < 3:
@@ -291,19 +292,19 @@ def _drift(roles: Roles, run: Trajectory, name: str, tolerance: float, meaning: 
     reading, backend = roles.readings.read(name, run), roles.engine
     observable, scale = reading.observable, float(reading.scale[0])
     drift, uncertainty = (
-        part / scale if scale > 0.0 else 0.0 for part in (np.max(np.abs(reading.values - reading.values[0])), unknown)
+        relative_size(part, scale) for part in (float(np.max(np.abs(reading.values - reading.values[0]))), unknown)
     )
     return Verdict(
         scene=roles.scene.name,
         quantity=observable.words,
         backend=backend,
         reference="its own start",
-        outcome=judge(float(drift), uncertainty, tolerance),
+        outcome=judge(drift, uncertainty, tolerance),
         sentence=(
             f"{observable.words} of {backend} drifts by at most {drift:.2e} of {scale:.4g} {observable.unit};"
             f" tolerance {tolerance:.1e} ({meaning})."
         ),
-        difference=float(drift),
+        difference=drift,
         scale=scale,
         unit=observable.unit,
         scale_name=observable.scale_name,

@@ -23,7 +23,6 @@ from dem_bridge.trajectory.trajectory import (
     Trajectory,
     Uncertainty,
     load_trajectory,
-    own_scale,
 )
 from tests.helpers.fake_runs import free_flight, uncertain
 
@@ -209,7 +208,3 @@ def test_another_schema_is_refused_by_its_name(tmp_path: Path, version: int, adv
         load_trajectory(file)
     read = "'dem-bridge/trajectory/1', 'dem-bridge/trajectory/2'"
     assert str(refused.value) == f"{file}: schema = 'dem-bridge/trajectory/{version}'; allowed: {read}{advice}"
-
-
-def test_a_small_value_has_the_scale_of_a_thousandth_of_the_largest() -> None:
-    assert own_scale(np.array([2.0, -0.5, 1e-9, 0.0])).tolist() == [2.0, 0.5, 2e-3, 2e-3]

@@ -15,6 +15,7 @@ from dem_bridge.observables.errors import Reading, read
 from dem_bridge.observables.ledger import Ledger, energy_ledger
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 
@@ -53,8 +54,8 @@ def _engine_notes(entries: Ledger, run: Trajectory) -> Iterator[str]:
     if not reported:
         return
     _, potential, kinetic = reported[-1]
-    of_ledger, scale = float(entries.kinetic[-1]), max(float(entries.kinetic.max()), np.finfo(float).tiny)
-    difference = abs(kinetic - of_ledger) / scale
+    of_ledger = float(entries.kinetic[-1])
+    difference = relative_size(abs(kinetic - of_ledger), float(entries.kinetic.max()))
     yield f"kinetic energy at the end by LAMMPS (thermo ke) {kinetic:.9g} J; difference {difference:.1e} of the largest"
     stored = float(entries.stored[-1].sum())
     comment = f"the contacts store {stored:.9g} J" if potential else "granular styles report none, and no dissipation"

@@ -41,7 +41,8 @@ from dem_bridge.runs.uncertainty.early_touches import early_touch_part
 from dem_bridge.runs.uncertainty.family import TwinFamily
 from dem_bridge.runs.uncertainty.grazes import Doubt, widen_for_moments
 from dem_bridge.trajectory.dense import CROSSING_ERROR, PEAK_ERROR, Schedule
-from dem_bridge.trajectory.trajectory import QUANTITIES, SAMPLED, Floats, Uncertainty, own_scale
+from dem_bridge.trajectory.relative import own_scale, relative_size
+from dem_bridge.trajectory.trajectory import QUANTITIES, SAMPLED, Floats, Uncertainty
 
 #: one realisation of round-off stands for others up to this factor
 REALISATIONS = 3.0
@@ -88,11 +89,11 @@ def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None, *, d
     return Uncertainty(
         **total,
         parts=_velocity_parts(family, step, roundoff, tables),
-        roundoff_floor=_relative(float(roundoff["velocity"]), family.speed),
+        roundoff_floor=relative_size(float(roundoff["velocity"]), family.speed),
         # kept samples are steps: only peaks and crossings are read between steps
         sampling=dict.fromkeys(QUANTITIES, 0.0)
         | {
-            name: float(np.max(amount / np.maximum(own_scale(getattr(family.main, name)), 1e-300), initial=0.0))
+            name: float(np.max(relative_size(amount, own_scale(getattr(family.main, name))), initial=0.0))
             for name, amount in lost.items()
         },
         cost=family.cost,
@@ -219,7 +220,7 @@ def reading_part(family: TwinFamily) -> tuple[Part, Part]:
 
 def secondary_peak_part(family: TwinFamily, velocity: float) -> Floats:
     """Return how far another collision may exceed the largest, N, if velocities are uncertain by ``velocity`` (m/s)."""
-    unknown = min(1.0, _relative(velocity, family.speed))
+    unknown = min(1.0, relative_size(velocity, family.speed))
     return np.maximum(0.0, family.readings.secondary_peak_force * (1.0 + unknown) - family.main.peak_force)
 
 
@@ -232,16 +233,12 @@ def _velocity_parts(family: TwinFamily, step: Part, roundoff: Part, tables: Part
     speed, digit = family.speed, last_digit(family.plan)
     moving = speed > 0.0
     return {
-        "time_step": _relative(step["velocity"], speed),
-        "round_off": REALISATIONS * (_relative(float(roundoff["velocity"]), speed) + digit) if moving else 0.0,
-        "table": _relative(float(tables["velocity"]), speed),
+        "time_step": relative_size(step["velocity"], speed),
+        "round_off": REALISATIONS * (relative_size(float(roundoff["velocity"]), speed) + digit) if moving else 0.0,
+        "table": relative_size(float(tables["velocity"]), speed),
         "summation": 0.5 * family.plan.steps * _EPSILON,
         "last_digit": digit if moving else 0.0,
     }
-
-
-def _relative(value: float, speed: float) -> float:
-    return value / speed if speed > 0.0 else 0.0
 
 
 def _sum(*parts: Part) -> Part:

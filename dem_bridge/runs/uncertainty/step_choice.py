@@ -15,6 +15,7 @@ from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty.estimate import solve
 from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Trajectory
 
 #: no step is chosen with which a run has more steps than this
@@ -68,7 +69,7 @@ def step_for_accuracy(
         chosen = replace(resolution, dt=dt)
         run = solve(Case(scene=scene, backend=by, resolution=chosen, sampling=sampling), trial)
         scale = float(abs(run.velocity).max())
-        uncertainty = run.uncertainty.velocity / scale if scale > 0.0 else 0.0
+        uncertainty = relative_size(run.uncertainty.velocity, scale)
         if uncertainty <= accuracy:
             if cache is not None:
                 cache.adopt(trial)

@@ -17,7 +17,8 @@ import numpy as np
 from dem_bridge.errors import BackendUnavailable
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.runs.campaign import Crashed, Result
-from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory, own_scale
+from dem_bridge.trajectory.relative import own_scale, relative_size
+from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 
 #: of the largest velocity: a bar as large as that leaves nothing known
 WHOLE = 1.0
@@ -143,11 +144,7 @@ def outcome(finding: Finding, expected: Expected) -> Outcome:
 
 def _said(run: Trajectory) -> float:
     """Return the bar of the velocities over the largest of them; 0 where all are at rest and known to be."""
-    return _over(run.uncertainty["velocity"], float(np.max(np.abs(run.velocity))))
-
-
-def _over(value: float, scale: float) -> float:
-    return value / scale if scale > 0.0 else (0.0 if value == 0.0 else math.inf)
+    return relative_size(float(run.uncertainty["velocity"]), float(np.max(np.abs(run.velocity))))
 
 
 def _model(run: Trajectory, standards: Sequence[Standard]) -> Finding:
@@ -160,7 +157,7 @@ def _model(run: Trajectory, standards: Sequence[Standard]) -> Finding:
     truth = standards[0].run
     for name in ("crossing_time", "peak_force") if truth is not None else ():
         other = getattr(truth, name)
-        apart = np.abs(getattr(run, name) - other) / own_scale(other)
+        apart = relative_size(np.abs(getattr(run, name) - other), own_scale(other))
         if np.isfinite(apart).any():
             error = float(np.median(apart[np.isfinite(apart)]))
             return Finding(word=Word.MODEL, standard=standards[0].says, quantity=name, error=error)
@@ -200,9 +197,9 @@ def _worst(run: Trajectory, truth: Trajectory, standard: Standard) -> Finding:
                 word=Word.RIGHT if ratio[at] <= 1.0 else Word.WRONG,
                 standard=standard.says,
                 quantity=name if sampled else f"{name} of contact {at}",
-                error=_over(float(error[at]), of),
-                bar=_over(float(bars[0][at]), of),
-                standard_bar=_over(float(bars[1][at]), of),
+                error=relative_size(float(error[at]), of),
+                bar=relative_size(float(bars[0][at]), of),
+                standard_bar=relative_size(float(bars[1][at]), of),
                 ratio=float(ratio[at]),
                 velocity_bar=_said(run),
             )

@@ -26,6 +26,7 @@ from dem_bridge.observables.interpolate import state_at
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
+from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
 #: a code on the steps of a schedule on a scene, whose first gap is wider by so much (m)
@@ -207,7 +208,8 @@ def velocity_error(stepper: Stepper, scene: Scene, truth: Trajectory, dt: float,
     when = np.clip(run.time[available] - late, 0.0, truth.time[-1])
     expected = state_at(scene, truth, when)[1]
     with np.errstate(over="ignore", invalid="ignore"):
-        away = float(np.max(np.abs(run.velocity[available] - expected)) / np.max(np.abs(truth.velocity)))
+        difference = float(np.max(np.abs(run.velocity[available] - expected)))
+    away = relative_size(difference, float(np.max(np.abs(truth.velocity))))
     return away if math.isfinite(away) else math.inf
 
 

@@ -18,7 +18,8 @@ from dem_bridge.observables.differences import difference
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Outcome, judge_relative
 from dem_bridge.runs.digits import planned_fingerprint
-from dem_bridge.trajectory.trajectory import Floats, Trajectory, own_scale
+from dem_bridge.trajectory.relative import own_scale, relative_size
+from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.regression.baseline import QUANTITIES, Accuracy, Baseline
 
 
@@ -239,8 +240,7 @@ def _relative_difference(name: str, before: Floats, after: Floats) -> Floats:
         scale = np.minimum(own_scale(before), own_scale(after))
     unknown = np.isnan(before) & np.isnan(after)
     distance = np.where(unknown, 0.0, np.nan_to_num(np.abs(before - after), nan=math.inf, posinf=math.inf))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(distance == 0.0, 0.0, distance / scale))
+    return relative_size(distance, scale)
 
 
 def _departure(

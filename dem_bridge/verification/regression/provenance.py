@@ -21,7 +21,8 @@ from dem_bridge.runs.case import Case
 from dem_bridge.runs.digits import planned_fingerprint
 from dem_bridge.runs.uncertainty.fixed_step import REALISATIONS, last_digit
 from dem_bridge.scene.scene import Scene
-from dem_bridge.trajectory.trajectory import Trajectory, own_scale
+from dem_bridge.trajectory.relative import own_scale, relative_size
+from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.regression.baseline import QUANTITIES, Baseline, RoundoffTolerance
 from dem_bridge.verification.regression.compare import assess
 from dem_bridge.version import __version__
@@ -86,7 +87,8 @@ def _roundoff_tolerance(case: Case, run: Trajectory) -> dict[str, RoundoffTolera
         a, b = getattr(unperturbed, quantity), getattr(perturbed, quantity)
         scale = np.max(np.abs(a), initial=0.0) if quantity == "velocity" else own_scale(a)
         distance = np.nan_to_num(np.abs(a - b))  # nan: a crossing in one run only is not round-off
-        relative = np.divide(distance, scale, out=np.zeros_like(distance), where=np.broadcast_to(scale > 0.0, a.shape))
+        # what has no scale would permit any value of the others
+        relative = relative_size(distance, scale)[np.broadcast_to(scale > 0.0, a.shape)]
         value = _BUILDS * REALISATIONS * (float(np.max(relative, initial=0.0)) + digit)
         reason = f"6 times ({cause}, plus a random walk of the last digit)"
         tolerances[quantity] = RoundoffTolerance(value=float(f"{value:.2g}"), reason=reason)

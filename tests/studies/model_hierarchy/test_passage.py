@@ -29,7 +29,8 @@ from dem_bridge.studies.model_hierarchy.passage import (
     readings_of,
     window_of,
 )
-from dem_bridge.trajectory.trajectory import Trajectory, own_scale
+from dem_bridge.trajectory.relative import own_scale
+from dem_bridge.trajectory.trajectory import Trajectory
 
 BODIES = 12
 PASSAGE = JUDGED["passage"]
