@@ -27,7 +27,7 @@ from dem_bridge.backends.catalogue import BACKENDS as BACKENDS
 from dem_bridge.backends.catalogue import ENGINE_BACKENDS as ENGINE_BACKENDS
 from dem_bridge.backends.catalogue import class_of
 from dem_bridge.errors import UsageError, shown
-from dem_bridge.foundation.arguments import is_number
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.support import Support
 from dem_bridge.trajectory.restitution import impact_facts
@@ -94,19 +94,13 @@ class Resolution:
     def __post_init__(self) -> None:
         for key, (low, high, whole) in LIMITS.items():
             if (value := getattr(self, key)) is not None:
-                _check_number(key, value, low, high, whole=whole)
-                object.__setattr__(self, key, int(value) if whole else float(value))
+                limits = f"a whole number from {low} to {high}" if whole else f"a number from {low:g} to {high:g}"
+                number = check_number(key, value, limits, whole=whole, at_least=low, at_most=high)
+                object.__setattr__(self, key, number)
         for key, choices in CHOICES.items():
             value = getattr(self, key)
             if type(value) is not type(choices[0]) or value not in choices:
                 raise UsageError(f"{key} = {shown(value)}; allowed: {' or '.join(map(repr, choices))}")
-
-
-def _check_number(key: str, value: Any, low: float, high: float, *, whole: bool) -> None:
-    """Raise UsageError unless a value is a number within the limits."""
-    if not is_number(value, whole=whole) or not low <= (int if whole else float)(value) <= high:
-        limits = f"a whole number from {low} to {high}" if whole else f"a number from {low:g} to {high:g}"
-        raise UsageError(f"{key} = {shown(value)}; allowed: {limits}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,8 +122,9 @@ class Sampling:
                 raise UsageError(f"given times = {shown(self.given)}; allowed: finite times (s) that increase from 0")
             object.__setattr__(self, "given", tuple(times.tolist()))
             object.__setattr__(self, "count", len(times) - 1)
-        _check_number("samples", self.count, 1, MOST_SAMPLES, whole=True)
-        object.__setattr__(self, "count", int(self.count))
+        limits = f"a whole number from 1 to {MOST_SAMPLES}"
+        count = check_number("samples", self.count, limits, whole=True, at_least=1, at_most=MOST_SAMPLES)
+        object.__setattr__(self, "count", count)
 
     @property
     def equal_steps(self) -> int:

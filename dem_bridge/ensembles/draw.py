@@ -17,6 +17,7 @@ from numpy.polynomial import Chebyshev
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.physics.contact import Floats
 from dem_bridge.scene.geometry import Body, Geometry
 from dem_bridge.scene.scene import Scene
@@ -109,12 +110,11 @@ class Variation:
             if key not in VARIED:
                 raise UsageError(f"vary has the key {key!r}; allowed: {', '.join(VARIED)}")
             meaning, most = VARIED[key]
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not (number and 0.0 <= value <= most and value < math.inf):
-                upper = "" if most == math.inf else f" and at most {most:g}"
-                raise UsageError(f"vary[{key!r}] = {value!r}; allowed: a number >= 0{upper} ({meaning})")
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
-            raise UsageError(f"seed = {self.seed!r}; allowed: a whole number >= 0")
+            upper = "" if most == math.inf else f" and at most {most:g}"
+            allowed = f"a number >= 0{upper} ({meaning})"
+            check_number(f"vary[{key!r}]", value, allowed, at_least=0.0, at_most=most)
+        seed = check_number("seed", self.seed, "a whole number >= 0", whole=True, at_least=0)
+        object.__setattr__(self, "seed", seed)
         if self.sampler not in SAMPLERS:
             raise UsageError(f"sampler = {self.sampler!r}; allowed: {', '.join(SAMPLERS)}")
         geometry = self.scene.geometry

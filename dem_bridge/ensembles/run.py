@@ -21,8 +21,9 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.result import Ensemble
 from dem_bridge.ensembles.solve import OBSERVABLES, check_solvable, difference, solve_chains, steps_for
-from dem_bridge.errors import DemBridgeError, RunBroken, UsageError
+from dem_bridge.errors import DemBridgeError, RunBroken
 from dem_bridge.foundation.leftovers import owned
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.runs.campaign import Away, Progress, Result, for_workers, run_cases, workers_of
 from dem_bridge.runs.case import Case
@@ -58,11 +59,11 @@ def run_ensemble(
 ) -> Ensemble:
     """Solve ``n`` chains of a variation; see :func:`dem_bridge.ensemble`."""
     scene = variation.scene
-    for name, value, least in (("n", n, 1), ("checks", checks, 0), ("samples", samples, 1)):
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
-            raise UsageError(f"{name} = {value!r}; allowed: a whole number >= {least}")
-    if not isinstance(accuracy, int | float) or not 1e-9 <= accuracy <= 0.1:
-        raise UsageError(f"accuracy = {accuracy!r}; allowed: a number from 1e-9 to 0.1")
+    n = check_number("n", n, "a whole number >= 1", whole=True, at_least=1)
+    checks = check_number("checks", checks, "a whole number >= 0", whole=True, at_least=0)
+    if samples is not None:
+        samples = check_number("samples", samples, "a whole number >= 1", whole=True, at_least=1)
+    check_number("accuracy", accuracy, "a number from 1e-9 to 0.1", at_least=1e-9, at_most=0.1)
     check_solvable(scene)
     steps = steps_for(scene, variation.block(0, PILOT), accuracy, samples)
     sizes = [min(BLOCK, n - first) for first in range(0, n, BLOCK)]

@@ -22,6 +22,7 @@ from dem_bridge.ensembles.draw import BLOCK, Variation
 from dem_bridge.ensembles.run import PILOT, pool_of
 from dem_bridge.ensembles.solve import check_solvable, solve_chains, steps_for
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.runs.campaign import Progress, for_workers
 from dem_bridge.trajectory.trajectory import Floats
 
@@ -89,8 +90,10 @@ def sobol_indices(
     """
     from scipy.stats import qmc
 
-    if isinstance(base, bool) or not isinstance(base, int) or base < 2 or base & (base - 1):
-        raise UsageError(f"base = {base!r}; allowed: a power of 2 from 2 on, such as 256")
+    allowed = "a power of 2 from 2 on, such as 256"
+    base = check_number("base", base, allowed, whole=True, at_least=2)
+    if base & (base - 1):
+        raise UsageError(f"base = {base!r}; allowed: {allowed}")
     check_solvable(variation.scene)
     count = len(variation.columns)
     steps = steps_for(variation.scene, variation.block(0, PILOT), accuracy)

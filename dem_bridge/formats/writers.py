@@ -19,6 +19,7 @@ from typing import Any, Literal
 import numpy as np
 
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.version import __version__
@@ -69,8 +70,7 @@ def centres(scene: Scene, spacing: float | None = None) -> tuple[Floats, Floats,
             raise UsageError(
                 f"spacing = {spacing!r} was given, but the scene {scene.name} has a spacing; leave spacing out"
             )
-        if not 0.0 < spacing < np.inf:
-            raise UsageError(f"spacing = {spacing!r}; allowed: a number above 0 (m)")
+        check_number("spacing", spacing, "a number above 0 (m)", above=0.0)
     if scene.geometry is not None:
         radii = np.array([body.radius for body in scene.geometry.bodies])
     else:

@@ -8,14 +8,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 from dem_bridge.errors import UsageError, shown
+from dem_bridge.foundation.numbers import KINDS, is_number
 
 #: longest name of a file, in bytes
 _LONGEST_NAME = 255
-#: kinds of numpy arrays that hold integers or real numbers
-_REAL = "fiu"
 #: names of annotations that stand for others
 _ALIASES = {
     "AxisRatio": "str",
@@ -129,7 +128,7 @@ def _fits(kind: _Kind, value: Any) -> bool:
             if kind.name == "Sequence" and not hasattr(value, "__getitem__"):
                 return False
             if hasattr(value, "dtype"):  # an array of numpy or pandas
-                return value.ndim == 1 and value.dtype.kind in _REAL and _fit(kind.parts[0], 1)
+                return value.ndim == 1 and value.dtype.kind in KINDS and _fit(kind.parts[0], 1)
             # an iterator is left as it is
             return isinstance(value, Iterable) and (
                 not isinstance(value, Sequence) or all(_fit(kind.parts[0], part) for part in value)
@@ -142,19 +141,6 @@ def _fit(kinds: tuple[_Kind, ...], value: Any) -> bool:
     if isinstance(value, str) and "Path" in (kind.name for kind in kinds):
         return is_path(value)
     return any(_fits(kind, value) for kind in kinds)
-
-
-def is_number(value: Any, *, whole: bool = False) -> TypeGuard[float]:
-    """Return True for a real number of Python or numpy, not a bool, that a float can hold."""
-    kind = getattr(getattr(value, "dtype", None), "kind", "?")
-    of_numpy = kind in ("iu" if whole else _REAL) and not hasattr(value, "__len__")
-    if isinstance(value, bool) or not (of_numpy or isinstance(value, int if whole else int | float)):
-        return False
-    try:
-        float(value)
-    except OverflowError:
-        return whole
-    return True
 
 
 def is_path(value: str | Path) -> bool:

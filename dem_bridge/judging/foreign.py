@@ -20,6 +20,7 @@ from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.foundation.files import write_whole
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.lmp.child import run_program
 from dem_bridge.lmp.process import workspace
 from dem_bridge.scene.file.text import scene_json, scene_toml
@@ -143,8 +144,7 @@ def foreign_runs(
         If a run fails, does not end in time or writes no output.
     """
     for name, value in (*(("dt", dt) for dt in steps), ("time_limit", time_limit)):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
-            raise UsageError(f"{name} = {value!r}; allowed: a number above 0 (s)")
+        check_number(name, value, "a number above 0 (s)", above=0.0)
     if not steps or len({*steps}) < len(steps):
         raise UsageError(f"dt = {list(steps)}; allowed: one or more time steps (s), each once")
     with workspace() as folder:

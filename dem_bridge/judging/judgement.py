@@ -12,6 +12,7 @@ import numpy as np
 
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import Record
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.judging.cause import Diagnosis, diagnose
 from dem_bridge.judging.error import FileErrors, QuantityErrors, file_errors
 from dem_bridge.judging.order import Convergence, convergence
@@ -223,8 +224,9 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
     UnsupportedScene
         If there is no reference solution of the scene.
     """
-    if tolerance is not None and not (not isinstance(tolerance, bool) and 0.0 < tolerance < 1.0):
-        raise UsageError(f"tolerance = {tolerance!r}; allowed: a number between 0 and 1, relative to the largest value")
+    if tolerance is not None:
+        allowed = "a number between 0 and 1, relative to the largest value"
+        tolerance = check_number("tolerance", tolerance, allowed, above=0.0, below=1.0)
     if not records:
         raise UsageError("no file was given; give at least one file of the scene")
     _check_steps(records)

@@ -13,7 +13,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import DemBridgeError
-from dem_bridge.foundation.checked import whole_number
+from dem_bridge.foundation.numbers import whole_number
 from dem_bridge.judging.deck import DeckRun, UserDeck, differences
 from dem_bridge.judging.error import FileErrors
 from dem_bridge.judging.stated import changed

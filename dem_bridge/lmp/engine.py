@@ -18,6 +18,7 @@ from typing import Any
 
 from dem_bridge.errors import BackendUnavailable, UsageError, shown
 from dem_bridge.foundation.arguments import is_path
+from dem_bridge.foundation.numbers import check_number
 
 #: environment variable with the path of a binary, used if neither ``lmp`` nor ``python`` is given
 VARIABLE = "DEM_BRIDGE_LMP"
@@ -68,8 +69,9 @@ class Engine:
             if (path := getattr(self, key)) is not None:
                 object.__setattr__(self, key, _executable(key, path))
         object.__setattr__(self, "lmp_args", _arguments(self.lmp_args))
-        if isinstance(self.ranks, bool) or not isinstance(self.ranks, int) or not 1 <= self.ranks <= 100_000:
-            raise UsageError(f"ranks = {shown(self.ranks)}; allowed: a whole number from 1 to 100000")
+        allowed = "a whole number from 1 to 100000"
+        ranks = check_number("ranks", self.ranks, allowed, whole=True, at_least=1, at_most=100_000)
+        object.__setattr__(self, "ranks", ranks)
 
     @classmethod
     def chosen(cls, **settings: Any) -> Engine:

@@ -12,8 +12,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from dem_bridge.errors import NotAsymptotic, UsageError, shown
+from dem_bridge.errors import NotAsymptotic, UsageError
 from dem_bridge.foundation.arguments import check_arguments
+from dem_bridge.foundation.numbers import check_number
 
 #: largest difference between the observed and the formal order that counts as clean
 ORDER_WINDOW = 0.1
@@ -276,8 +277,7 @@ def grid_convergence_index(
     ('0.97130', '1.002024', True)
     """
     steps, rows = _sorted_rows(spacing, [float(value) for value in values])
-    if not safety >= 1.0:
-        raise UsageError(f"safety = {safety!r}; allowed: a number >= 1, such as 1.25")
+    check_number("safety", safety, "a number >= 1, such as 1.25", at_least=1.0)
     f1, f2, f3 = (row[0] for row in rows)
     fine, coarse = f1 - f2, f2 - f3
     reason, order = "", math.nan
@@ -328,9 +328,7 @@ def checked_accuracy(accuracy: object) -> float:
     >>> checked_accuracy(1e-6)
     1e-06
     """
-    if isinstance(accuracy, bool) or not isinstance(accuracy, int | float) or not 0.0 < accuracy < 1.0:
-        raise UsageError(f"accuracy = {shown(accuracy)}; allowed: a number between 0 and 1, such as 1e-6")
-    return float(accuracy)
+    return float(check_number("accuracy", accuracy, "a number between 0 and 1, such as 1e-6", above=0.0, below=1.0))
 
 
 def _sorted_rows(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.foundation.summary import summary
 from dem_bridge.observables.errors import reduced, relative_to
 from dem_bridge.observables.registry import Reading, observable_named
@@ -221,8 +222,7 @@ def compare_runs(run: Trajectory, reference: Trajectory, tolerance: float = 0.0)
     ``tolerance`` is the difference of velocities, relative to the largest of the reference, beyond which the runs have
     diverged. Raises UsageError for runs of different numbers of bodies, or without common times.
     """
-    if not 0.0 <= tolerance < math.inf:
-        raise UsageError(f"tolerance = {tolerance!r}; allowed: a number >= 0")
+    check_number("tolerance", tolerance, "a number >= 0", at_least=0.0)
     interpolation: dict[str, float] = {}
     common = at_common_times(run, reference)
     if common is None:

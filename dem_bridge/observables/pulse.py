@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.observables.fits import inner_bodies
 from dem_bridge.observables.front import front_speed, peak_velocity_of_front, residence_time_uncertainty
 from dem_bridge.observables.interpolate import acceleration, hermite, require_forces, root_between, state_at
@@ -320,8 +321,7 @@ def secondary_fronts(
 
     if not 0 <= body < scene.n_body:
         raise UsageError(f"body {body}; allowed: 0 to {scene.n_body - 1}")
-    if not 0.0 < share < 1.0:
-        raise UsageError(f"share = {share!r}; allowed: a number between 0 and 1")
+    check_number("share", share, "a number between 0 and 1", above=0.0, below=1.0)
     peak = peak_velocity_of_front(scene, trajectory)
     first, start = float(peak.velocity[body]), float(peak.time[body])
     if not first > 0.0:

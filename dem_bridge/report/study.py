@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dem_bridge.errors import UsageError
 from dem_bridge.foundation.notebook import study_html
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.foundation.summary import counted, summary
 from dem_bridge.observables.verdict import Outcome, Verdict, exit_code, plain
 from dem_bridge.trajectory.trajectory import Floats
@@ -348,9 +348,10 @@ def check_setting(
     Traceback (most recent call last):
     dem_bridge.errors.UsageError: points = 2.5; allowed: a whole number from 2 to 100
     """
-    number = isinstance(value, int if least is not None else int | float) and not isinstance(value, bool)
-    if not number or value > most or not (value > 0 if least is None else value >= least):
-        raise UsageError(f"{name} = {value!r}; allowed: {allowed}")
+    if least is None:
+        check_number(name, value, allowed, above=0.0, at_most=most)
+    else:
+        check_number(name, value, allowed, whole=True, at_least=least, at_most=most)
 
 
 def _csv(columns: tuple[str, ...], rows: Any) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from dem_bridge.errors import OF_DAMAGED_DATA, UsageError, one_line
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.runs.keys import present
 from dem_bridge.runs.store import DAMAGED, SUFFIX, OtherSchema, Store, unpacked
 from dem_bridge.scene.scene import Scene
@@ -133,8 +134,8 @@ def prune(store: Store, *, days: float | None = None, megabytes: float | None = 
     if days is None and megabytes is None:
         raise UsageError("prune needs a limit; allowed: days (--days), megabytes (--megabytes), or both")
     for name, value in (("days", days), ("megabytes", megabytes)):
-        if value is not None and not value >= 0.0:
-            raise UsageError(f"{name} = {value!r}; allowed: a number >= 0")
+        if value is not None:
+            check_number(name, value, "a number >= 0", at_least=0.0)
     kept = removed = freed = 0
     for entry in list(entries(store)):
         old = days is not None and time.time() - entry.used > 86_400.0 * days

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dem_bridge.errors import SceneError
-from dem_bridge.foundation.checked import checked_numbers
+from dem_bridge.foundation.numbers import checked_numbers
 from dem_bridge.physics.contact import Floats
 from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dem_bridge.errors import SceneError
-from dem_bridge.foundation.checked import Numbers, check_fields, checked_numbers
+from dem_bridge.foundation.numbers import Numbers, check_fields, checked_numbers
 
 #: parameters of each shape in addition to its force; those with a default are optional
 KEYS = {

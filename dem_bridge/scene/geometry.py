@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, TypedDict
 
 from dem_bridge.errors import SceneError
-from dem_bridge.foundation.checked import Numbers, check_fields, checked_numbers
+from dem_bridge.foundation.numbers import Numbers, check_fields, checked_numbers
 
 if TYPE_CHECKING:
     from dem_bridge.physics.hertz import HertzContact

@@ -16,7 +16,15 @@ from functools import cached_property
 import numpy as np
 
 from dem_bridge.errors import SceneError
-from dem_bridge.foundation.checked import LARGEST, MOST_BODIES, SMALLEST, Numbers, check_fields, checked_numbers
+from dem_bridge.foundation.numbers import (
+    LARGEST,
+    MOST_BODIES,
+    SMALLEST,
+    Numbers,
+    check_fields,
+    checked_numbers,
+    is_within,
+)
 from dem_bridge.physics.law import ContactLaw, Law, completed, reach_of, stored
 from dem_bridge.physics.statics import static_forces, static_overlap
 from dem_bridge.scene.contacts import Contacts, Floats
@@ -199,8 +207,9 @@ class Scene:
             wall = replace(wall, exponent=np.append(self.exponent, 2.5)[0] if wall.exponent is None else wall.exponent)
             check_fields(wall, _WALL, f"{side}.")
             object.__setattr__(self, side, wall)
-        if isinstance(self.samples, bool) or not isinstance(self.samples, int) or self.samples < 1:
+        if not is_within(self.samples, whole=True, at_least=1):
             raise SceneError("samples", value=self.samples, allowed="a whole number >= 1")
+        object.__setattr__(self, "samples", int(self.samples))
         if self.geometry is not None and len(self.geometry.bodies) != len(mass):
             problem = f"has {len(self.geometry.bodies)} bodies"
             raise SceneError("geometry", problem=problem, allowed=f"{len(mass)}, one per mass, or None")

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.foundation.checked import MOST_BODIES
+from dem_bridge.foundation.numbers import MOST_BODIES
 
 #: address space that the largest run must fit in, bytes
 LIMIT = 4e9

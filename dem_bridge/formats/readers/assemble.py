@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,6 +12,7 @@ from dem_bridge.formats.readers.digits import counted_times, numbers, scaled, st
 from dem_bridge.formats.readers.headings import DIMENSIONS, STYLES, Heading, heading_of, scale_of
 from dem_bridge.formats.readers.record import QUANTITIES, Draft
 from dem_bridge.formats.readers.tables import Entry, Table
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 
@@ -33,8 +33,8 @@ class Choices:
     axis: str | None = None
 
     def __post_init__(self) -> None:
-        if self.dt is not None and not 0.0 < self.dt < math.inf:
-            raise UsageError(f"dt = {self.dt!r}; allowed: a number above 0 (s)")
+        if self.dt is not None:
+            check_number("dt", self.dt, "a number above 0 (s)", above=0.0)
         if self.axis is not None and self.axis not in ("x", "y", "z"):
             raise UsageError(f"axis = {self.axis!r}; allowed: x, y or z")
         if isinstance(self.units, str) and self.units not in STYLES:

@@ -29,9 +29,9 @@ from dem_bridge.formats.readers.record import Record
 from dem_bridge.formats.readers.tables import Table, read_text
 from dem_bridge.formats.readers.vtk import frame_of, places, read_legacy, read_pvd, read_xml
 from dem_bridge.foundation import guests
-from dem_bridge.foundation.checked import LARGEST, SMALLEST
 from dem_bridge.foundation.files import MOST_BYTES, named_file, opened
 from dem_bridge.foundation.netcdf import is_netcdf
+from dem_bridge.foundation.numbers import LARGEST, SMALLEST
 from dem_bridge.scene.scene import Scene
 
 #: a file of a code, with or without its time step

@@ -13,6 +13,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.formats.tables.parameters import NOTES, origin
 from dem_bridge.formats.tables.table import Table, tabulate
 from dem_bridge.foundation.arguments import check_arguments
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.physics.hertz import AxisRatio, angle_of_stiffness, crossed_cylinders, stiffness_slope
 from dem_bridge.scene.geometry import Body
 from dem_bridge.scene.scene import Scene
@@ -95,8 +96,7 @@ def angles_for(
     (array([ 1.648,  7.962, 90.   ]), array([0.019, 0.1  , 9.871]))
     """
     check_arguments(angles_for, locals())
-    if not 0.0 < within < 1.0:
-        raise UsageError(f"within = {within!r}; allowed: a number above 0 and below 1")
+    check_number("within", within, "a number above 0 and below 1", above=0.0, below=1.0)
     required = [stiffness] if not isinstance(stiffness, Iterable) else list(stiffness)
     pair = Cylinders(radius=radius, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio, law=law)
     solutions = []
@@ -176,8 +176,7 @@ def angles(scene: Scene, *, law: AxisRatio | None = None, within: float = WITHIN
     ``law`` None is the law of the scene's geometry, or "exact" without one. ``cylinders`` are properties of
     :class:`Cylinders`; one that is missing or None is that of the scene's first crossed pair.
     """
-    if not 0.0 < within < 1.0:
-        raise UsageError(f"within = {within!r}; allowed: a number above 0 and below 1")
+    check_number("within", within, "a number above 0 and below 1", above=0.0, below=1.0)
     pair = _cylinders(scene, law, cylinders)
     scene_cylinders = all(value is None for value in cylinders.values())
     geometry, exponent = scene.geometry, scene.contacts.exponent

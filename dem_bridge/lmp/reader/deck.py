@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from dem_bridge.errors import SceneError
-from dem_bridge.foundation.checked import whole_number
+from dem_bridge.foundation.numbers import whole_number
 from dem_bridge.lmp.reader import laws
 from dem_bridge.lmp.reader.fixes import Fixes, Forces
 from dem_bridge.lmp.reader.pairs import Pairs

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from dem_bridge.foundation.checked import MOST_BODIES
+from dem_bridge.foundation.numbers import MOST_BODIES
 from dem_bridge.lmp.reader.pairs import numbered
 from dem_bridge.lmp.reader.script import Command, Script
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.errors import BlockedScript, SceneError
-from dem_bridge.foundation.checked import whole_number
+from dem_bridge.foundation.numbers import whole_number
 from dem_bridge.lmp.coefficients import BY_EFFECTIVE_MASS, DAMPINGS
 from dem_bridge.lmp.reader import laws
 from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any, Literal
 
 from dem_bridge.errors import SceneError, UsageError
-from dem_bridge.foundation.checked import checked_numbers
+from dem_bridge.foundation.numbers import checked_numbers
 from dem_bridge.scene.file.physical import HERTZ, Numbers, checked_velocity, rounded
 from dem_bridge.scene.geometry import ANGLE, Body, Geometry, Material, crossings
 from dem_bridge.scene.scene import Scene, Wall

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from dem_bridge.foundation.checked import MOST_BODIES
+from dem_bridge.foundation.numbers import MOST_BODIES
 from dem_bridge.scene.file.forms import Angle, ChainKeys, Count, Numbers, Positive, SceneKeys, Table, WallTable
 
 # physical form: bodies, from which the numbers are computed

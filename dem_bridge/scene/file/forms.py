@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from dem_bridge.errors import SceneError
-from dem_bridge.foundation.checked import MOST_BODIES, checked_number
+from dem_bridge.foundation.numbers import MOST_BODIES, checked_number
 from dem_bridge.physics.adhesion import pull_off_force
 from dem_bridge.scene.damping import DAMPING_LAWS, damping_law
 from dem_bridge.scene.drive import Drive

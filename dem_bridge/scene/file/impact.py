@@ -9,7 +9,7 @@ import math
 from typing import Literal
 
 from dem_bridge.errors import SceneError
-from dem_bridge.foundation.checked import Numbers, checked_number, checked_numbers
+from dem_bridge.foundation.numbers import Numbers, checked_number, checked_numbers
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.physics.hertz import sphere_on_plane
 from dem_bridge.scene.file import forms, raw

@@ -13,7 +13,7 @@ from itertools import accumulate, repeat
 from operator import mul
 
 from dem_bridge.errors import SceneError
-from dem_bridge.foundation.checked import LARGEST, MOST_BODIES, SMALLEST, checked_numbers
+from dem_bridge.foundation.numbers import LARGEST, MOST_BODIES, SMALLEST, checked_numbers
 from dem_bridge.scene.file import body_forms, raw
 from dem_bridge.scene.file.bodies import chain, flat
 from dem_bridge.scene.file.physical import HERTZ, check_alone, normal_numbers, scattered, sphere_of, start_velocity

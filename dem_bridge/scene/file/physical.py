@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import SceneError
-from dem_bridge.foundation.checked import LARGEST, SMALLEST, checked_number, checked_numbers
+from dem_bridge.foundation.numbers import LARGEST, SMALLEST, checked_number, checked_numbers
 from dem_bridge.scene.file import body_forms, raw
 from dem_bridge.scene.geometry import ANGLE, Body, Geometry, Material
 from dem_bridge.scene.scene import Scene

@@ -22,6 +22,7 @@ import numpy as np
 from dem_bridge.backends.base import Sampling
 from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
 from dem_bridge.foundation.files import text_of_file
+from dem_bridge.foundation.numbers import is_within
 from dem_bridge.observables.verdict import plain
 from dem_bridge.trajectory.trajectory import Cost, Floats, Trajectory, Uncertainty
 from dem_bridge.version import schema_fault
@@ -202,7 +203,7 @@ def _check(where: str, value: Any, form: Any) -> None:
         for k, entry in enumerate(value):
             _check(f"{where}[{k}]", entry, form[0])
     else:
-        number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_DOUBLE
+        number = is_within(value)
         fits = {
             "text": isinstance(value, str),
             "number": number,

@@ -1,4 +1,8 @@
-"""Checks of numbers from outside: real, finite, of the right sign and of a magnitude within double precision."""
+"""Checks of numbers from outside: real, finite, whole, in a range, of a magnitude within double precision.
+
+:func:`is_within` answers for all; :func:`check_number` says it of arguments, :func:`checked_number` of the entries of a
+scene. Formulas (``physics/valid``) have checks of their own, because they import nothing of the package.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,85 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
-import numpy as np
-from numpy.typing import NDArray
+from dem_bridge.errors import SceneError, UsageError, shown
 
-from dem_bridge.errors import SceneError
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 
 #: largest number of bodies of a scene
 MOST_BODIES = 1_000_000
 #: magnitudes between which products and powers of inputs stay within double precision
 SMALLEST, LARGEST = 1e-40, 1e40
+#: kinds of numpy's types that are integers or real numbers
+KINDS = "fiu"
+
+
+def is_number(value: Any, *, whole: bool = False) -> TypeGuard[float]:
+    """Return True for a real number of Python or numpy, not a bool, that a float can hold.
+
+    >>> is_number(3), is_number(3.0, whole=True), is_number(True), is_number("3"), is_number(10**400)
+    (True, False, False, False, False)
+    """
+    kind = getattr(getattr(value, "dtype", None), "kind", "?")
+    of_numpy = kind in ("iu" if whole else KINDS) and not hasattr(value, "__len__")
+    if isinstance(value, bool) or not (of_numpy or isinstance(value, int if whole else int | float)):
+        return False
+    try:
+        float(value)
+    except OverflowError:
+        return whole
+    return True
+
+
+def is_within(
+    value: Any,
+    *,
+    whole: bool = False,
+    above: float = -math.inf,
+    at_least: float = -math.inf,
+    at_most: float = math.inf,
+    below: float = math.inf,
+) -> TypeGuard[float]:
+    """Return True for a finite number within bounds, of which ``above`` and ``below`` themselves are not allowed.
+
+    >>> is_within(1, above=0), is_within(0.0, above=0), is_within(math.inf, above=0), is_within(math.nan)
+    (True, False, False, False)
+    """
+    return is_number(value, whole=whole) and above < value < below and at_least <= value <= at_most
+
+
+def check_number(name: str, value: object, allowed: str, *, whole: bool = False, **bounds: float) -> Any:
+    """Return an argument as a float, or as an int where it must be whole.
+
+    Parameters
+    ----------
+    name, allowed : str
+        Name of the argument and description of the allowed values, for the message.
+    value : object
+        The value to check.
+    whole : bool
+        Whether it must be a whole number.
+    **bounds
+        Bounds as in :func:`is_within`.
+
+    Raises
+    ------
+    UsageError
+        If the value is not such a number.
+
+    Examples
+    --------
+    >>> check_number("share", 1.5, "a number above 0 and below 1", above=0.0, below=1.0)
+    Traceback (most recent call last):
+    dem_bridge.errors.UsageError: share = 1.5; allowed: a number above 0 and below 1
+    """
+    if not is_within(value, whole=whole, **bounds):
+        raise UsageError(f"{name} = {shown(value)}; allowed: {allowed}")
+    return int(value) if whole else float(value)
 
 
 def whole_number(text: str) -> int | None:
@@ -98,13 +170,10 @@ def checked_number(
     SceneError
         If the value is not a number in the allowed range.
     """
-    if isinstance(value, bool | np.timedelta64) or not isinstance(value, int | float | np.integer | np.floating):
+    if not is_number(value) and not is_number(value, whole=True):
         raise SceneError(key, value=value, allowed=allowed)
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not (math.isfinite(number) and above < number and at_least <= number <= at_most):
+    number = float(value) if is_number(value) else math.inf
+    if not is_within(number, above=above, at_least=at_least, at_most=at_most):
         raise SceneError(key, value=number, allowed=allowed)
     # speeds and gaps may be tiny, as they are ahead of a wave front; masses and stiffnesses may not
     if abs(number) > LARGEST or (above >= 0.0 and number < SMALLEST):
@@ -143,6 +212,8 @@ def checked_numbers(
     SceneError
         If a value is outside its range or their number is wrong.
     """
+    import numpy as np
+
     a_list = f"a list; each entry {allowed}"
     if isinstance(values, int | float | np.number) and count is not None:
         return (checked_number(key, values, allowed, **bounds),) * count
