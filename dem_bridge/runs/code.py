@@ -12,7 +12,7 @@ import importlib.util
 import os
 import re
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -57,7 +57,7 @@ def code_of_run(backend: str, *, uncertainty: bool, package: Path = PACKAGE) -> 
     modules = [entry.module] if backend in BACKENDS else _ours_in(foreign.values(), package)
     roots = [*modules, *([_rule(_SELECTS), rule_of(backend)] if uncertainty and entry.uncertainty else [])]
     files: set[Path] = set()
-    for module in _closure(roots, package):
+    for module in reached(roots, lambda module: _imports(module, package)):
         file = _file(module, package)
         assert file is not None  # a closure has modules of the package only
         files |= {file, *_named_in(file)}
@@ -83,7 +83,7 @@ def _foreign_files(module: str) -> dict[str, Path]:
 def _ours_in(files: Iterable[Path], package: Path) -> list[str]:
     """Return the modules of this package that files of another distribution import."""
     texts = [file.read_text(encoding="utf-8") for file in files if file.suffix == ".py"]
-    return [name for text in texts for name in _names_in(text) if _counts(name, package)]
+    return [name for text in texts for name in imported_names(text) if _counts(name, package)]
 
 
 def rule_of(backend: str) -> str:
@@ -148,14 +148,18 @@ def digest(code: Mapping[str, str]) -> str:
     return hashlib.sha256(repr(sorted(code.items())).encode()).hexdigest()
 
 
-def _closure(modules: Iterable[str], package: Path) -> set[str]:
-    """Return modules with all that they import, directly or through others, apart from what is in no run."""
-    waiting, reached = list(modules), set[str]()
+def reached(modules: Iterable[str], imports: Callable[[str], Iterable[str]]) -> set[str]:
+    """Return modules with all that they import, directly or through others.
+
+    >>> sorted(reached(["a"], {"a": "bc", "b": "d", "c": "a", "d": ""}.__getitem__))
+    ['a', 'b', 'c', 'd']
+    """
+    waiting, found = list(modules), set[str]()
     while waiting:
-        if (module := waiting.pop()) not in reached:
-            reached.add(module)
-            waiting += _imports(module, package)
-    return reached
+        if (module := waiting.pop()) not in found:
+            found.add(module)
+            waiting += imports(module)
+    return found
 
 
 @cache
@@ -165,12 +169,16 @@ def _imports(module: str, package: Path) -> frozenset[str]:
     assert file is not None
     names = {module.rpartition(".")[0]}
     if module != _rule(_SELECTS):
-        names |= _names_in(file.read_text(encoding="utf-8"))
+        names |= imported_names(file.read_text(encoding="utf-8"))
     return frozenset(name for name in names if _counts(name, package))
 
 
-def _names_in(text: str) -> set[str]:
-    """Return what the text of a module imports, for other purposes than types."""
+def imported_names(text: str) -> set[str]:
+    """Return the modules and names that the text of a module imports, within functions too, but not for types alone.
+
+    >>> sorted(imported_names("from dem_bridge.lmp import mixing, radii"))
+    ['', 'dem_bridge.lmp', 'dem_bridge.lmp.mixing', 'dem_bridge.lmp.radii']
+    """
     found = _IMPORT.findall(_FOR_TYPES.sub("", text))
     return {part for source, items, name in found for part in (name, source, *_joined(source, items))}
 

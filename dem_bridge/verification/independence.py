@@ -7,7 +7,6 @@ and for its uncertainty.
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -17,7 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from dem_bridge.backends.base import BACKENDS
-from dem_bridge.runs.code import rule_of
+from dem_bridge.runs.code import imported_names, reached, rule_of
 
 #: what every backend speaks: nothing in it solves anything
 LANGUAGE = frozenset(
@@ -78,17 +77,13 @@ def _reached_by_uncertainty(backend: str) -> frozenset[str]:
 
 
 def _closure(start: str, stops: frozenset[str]) -> frozenset[str]:
-    results, waiting = {start}, [start]
-    while waiting:
-        for name in imported_modules(waiting.pop()) - results - stops:
-            results.add(name)
-            waiting.append(name)
-    return frozenset(results)
+    """Return a module with all that it imports, without ``stops`` and what lies behind them."""
+    return frozenset(reached([start], lambda module: imported_modules(module) - stops))
 
 
 @cache
 def imported_modules(module: str) -> frozenset[str]:
-    """Return the modules of this package that the source of a module names, in functions and for checkers of types too.
+    """Return the modules of this package that a module imports, also within functions.
 
     It is the seam at which a test plants an import.
 
@@ -98,14 +93,8 @@ def imported_modules(module: str) -> frozenset[str]:
     spec = find_spec(module)
     assert spec is not None
     assert spec.origin is not None
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module is not None:
-            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-        elif isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-    ours = {name for name in names if name.startswith("dem_bridge.")}
-    return frozenset(name for name in ours if _is_module(name))
+    names = imported_names(Path(spec.origin).read_text(encoding="utf-8"))
+    return frozenset(name for name in names if name.startswith("dem_bridge.") and _is_module(name))
 
 
 @cache
