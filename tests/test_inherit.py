@@ -30,7 +30,7 @@ from dem_bridge.backends.base import BACKENDS, backend
 from dem_bridge.backends.catalogue import Entry
 from dem_bridge.cli import main
 from dem_bridge.observables import registry
-from dem_bridge.runs.planning.predict import EVALUATIONS
+from dem_bridge.runs.costs import evaluations_of
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.runs import BESIDE
 from dem_bridge.verification.verify import plan_scene
@@ -183,10 +183,7 @@ def test_the_example_of_a_backend_runs_within_its_bars(
     run, truth = solved(scene, "leapfrog", dt=1e-7), solved(scene, "reference")
     error = np.max(np.abs(run.velocity - truth.velocity))
     assert 0.0 < error <= run.uncertainty["velocity"] + truth.uncertainty["velocity"]
-    counted = {
-        name: int(count) for name, count in re.findall(r'"([\w-]+)": (\d+)', _diff("runs/planning/laws.json").added())
-    }
-    assert counted["leapfrog"] == _evaluations(solved(scene, "leapfrog", dt=1e-7, uncertainty=False))
+    assert evaluations_of("leapfrog") == _evaluations(solved(scene, "leapfrog", dt=1e-7, uncertainty=False))
 
 
 def test_the_example_of_an_observable_runs(built: Callable[[str], list[ModuleType]], solved: Solve) -> None:
@@ -273,7 +270,7 @@ def _evaluations(run: db.Trajectory) -> int:
 def test_the_planner_knows_what_a_step_of_every_backend_costs(name: str, solved: Solve) -> None:
     scene = Scene(name="pair", duration=1e-5, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=5)
     run = solved(scene, name, dt=1e-7, uncertainty=False)
-    assert EVALUATIONS.get(name, 1) == _evaluations(run)
+    assert evaluations_of(name) == _evaluations(run)
 
 
 def test_the_paper_is_run_through_every_backend() -> None:

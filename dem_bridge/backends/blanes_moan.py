@@ -39,6 +39,8 @@ class BlanesMoan(AlwaysAvailable):
 
     name = "blanes-moan"
     order: int | None = ORDER
+    #: of the forces in a step
+    evaluations = len(SRKN_6B.drifts)
     supports = Support(
         {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
         | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}

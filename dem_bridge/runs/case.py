@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dem_bridge.backends.base import ENGINE_BACKENDS, Backend, Resolution, Sampling, backend
+from dem_bridge.backends.base import Backend, Resolution, Sampling, backend
 from dem_bridge.backends.reference import SERIES
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.runs.costs import WITH_UNCERTAINTY, predicted_cost
 from dem_bridge.runs.keys import run_key
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 
 #: largest memory of the samples of a run, bytes
 MOST_MEMORY = 2**32
-#: wall time of one core in s: per body and step for a fixed step, per body to a power for an adaptive one
-_PER_STEP = {"lammps-granular": 6e-8, "lammps-table": 6e-8, "verlet": 2e-9, "blanes-moan": 1e-8, "ase": 1e-6}
-_PER_BODIES = {"reference": (2e-4, 2.0), "scipy": (0.06, 0.85)}
-#: LAMMPS evaluates the force of a drive as a formula at every step: factor of its time
-_DRIVEN = 5.0
-#: number of further runs that the uncertainty of a run takes
-_FURTHER_RUNS = {"verlet": 5, "blanes-moan": 5, "scipy": 2}
+#: time in which a run is checked, looked up, handed over and described, s
+OVERHEAD = 0.05
+#: rough numbers of a run that nobody has looked at yet: steps of a default time step; steps of the prescan, which are
+#: as close as dense samples, for each body (57 on decelerating-40); tolerance
+_STEPS, _COARSE_STEPS, _RTOL = 1e5, 50.0, 1e-10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,18 +58,20 @@ class Case:
 
     @property
     def expected(self) -> float:
-        """Rough estimate of the wall time, s, by which runs are ordered and the remaining time is shown."""
-        bodies, dt, code = self.scene.n_body, self.resolution.dt, self.backend
-        if code == "reference" and not SERIES.covers(self.scene):
+        """Rough estimate of the time, s, by which runs are ordered and the remaining time is shown."""
+        scene, dt, code = self.scene, self.resolution.dt, self.backend
+        if code == "reference" and not SERIES.covers(scene):
             code = "scipy"
-        runs = 1 + (_FURTHER_RUNS.get(code, 0) if self.uncertainty else 0)
-        if code in _PER_BODIES:
-            factor, power = _PER_BODIES[code]
-            return runs * factor * float(bodies**power)
-        steps = self.scene.duration / dt if dt else 1e5
-        if code in ENGINE_BACKENDS and self.scene.drive is not None:
-            steps *= _DRIVEN
-        return 0.05 + runs * _PER_STEP.get(code, 0.0) * bodies * steps
+        steps, coarse = scene.duration / dt if dt else _STEPS, _COARSE_STEPS * scene.n_body
+        cost = predicted_cost(
+            code,
+            scene,
+            steps=steps,
+            samples=min(steps, max(self.sampling.count, coarse)),
+            coarse=coarse,
+            rtol=self.resolution.rtol or _RTOL,
+        )
+        return OVERHEAD + cost * (WITH_UNCERTAINTY.get(code, 1.0) if self.uncertainty else 1.0)
 
     def solve(self, code: Backend | None = None) -> Trajectory:
         """Return the run, without uncertainty; ``code``: a backend in place of the one that the case names."""

@@ -25,7 +25,7 @@ PACKAGE = Path(__file__).parents[1]
 NOT_IN_RUNS = (
     "api", "cli", "ensembles", "formats", "foundation.guests", "foundation.notebook", "foundation.notebook_sketch",
     "foundation.summary", "judging", "observables.differences", "observables.verdict", "plot", "report", "runs.cache",
-    "runs.campaign", "runs.case", "runs.claims", "runs.code", "runs.digits", "runs.inspect", "runs.keys",
+    "runs.campaign", "runs.case", "runs.claims", "runs.code", "runs.costs", "runs.digits", "runs.inspect", "runs.keys",
     "runs.planning", "runs.recall", "runs.store", "studies", "trajectory.shown", "verification",
 )  # fmt: skip
 #: modules, and folders of them, that no number of a study passes through

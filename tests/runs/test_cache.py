@@ -16,6 +16,7 @@ from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.runs.uncertainty.estimate import solve
+from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.campaign_cases import SHORT, short_case
@@ -115,18 +116,29 @@ def _case(backend: str, scene: Scene = SHORT, **settings: Any) -> Case:
 
 
 def test_the_expected_time_counts_bodies_steps_and_runs() -> None:
-    # three bodies, 1e-4 s: a thousand steps of 1e-7 s
-    assert _case("verlet", dt=1e-7).expected == pytest.approx(0.05 + 2e-9 * 3 * 1000)
-    assert replace(_case("verlet", dt=1e-7), uncertainty=True).expected == pytest.approx(0.05 + 6 * 2e-9 * 3 * 1000)
-    assert _case("lammps-granular", dt=1e-8).expected == pytest.approx(0.05 + 6e-8 * 3 * 10_000)
-    assert _case("ase", dt=1e-8).expected == pytest.approx(0.05 + 1e-6 * 3 * 10_000)
-    assert _case("blanes-moan").expected == pytest.approx(0.05 + 1e-8 * 3 * 1e5)
-    assert _case("bca").expected == pytest.approx(0.05)
+    # three bodies, 1e-4 s: a thousand steps of 1e-7 s, fifty dense samples a body
+    fast = 4e-4 + 150 * (5e-8 + 3 * 6e-9) + 1000 * (2.8e-8 + 3 * 2.2e-10)
+    assert _case("verlet", dt=1e-7).expected == pytest.approx(0.05 + fast)
+    assert replace(_case("verlet", dt=1e-7), uncertainty=True).expected == pytest.approx(0.05 + 6 * fast)
+    granular = 8.8e-3 + 150 * (7.2e-6 + 3 * 3.1e-7) + 10_000 * (6.1e-7 + 3 * 2.5e-8)
+    assert _case("lammps-granular", dt=1e-8).expected == pytest.approx(0.05 + granular)
+    assert _case("ase", dt=1e-8).expected == pytest.approx(0.1 + 150 * 3e-6 + 10_000 * (2e-5 + 3 * 5e-7))
+    six = 4e-4 + 150 * (5e-8 + 3 * 6e-9) + 6e5 * (2.8e-8 + 3 * 2.2e-10)
+    assert _case("blanes-moan").expected == pytest.approx(0.05 + six)
+    assert _case("bca").expected == pytest.approx(0.05 + 3e-4)
     # adaptive codes by their bodies; the reference where its series fit, otherwise as scipy
-    assert _case("reference").expected == pytest.approx(2e-4 * 9.0)
-    assert _case("scipy").expected == pytest.approx(0.06 * 3**0.85)
-    assert replace(_case("scipy"), uncertainty=True).expected == pytest.approx(3 * 0.06 * 3**0.85)
-    assert _case("reference", replace(SHORT, exponent=2.3)).expected == pytest.approx(0.06 * 3**0.85)
+    assert _case("reference").expected == pytest.approx(0.05 + 5e-4 + 3e-5 * 3**1.63 * 150**0.12)
+    scipy = 7e-3 + 6.7e-4 * 3**1.19 * 150**0.33 * 1e-4**-0.06
+    assert _case("scipy").expected == pytest.approx(0.05 + scipy)
+    assert replace(_case("scipy"), uncertainty=True).expected == pytest.approx(0.05 + 3 * scipy)
+    assert _case("reference", replace(SHORT, exponent=2.3)).expected == pytest.approx(0.05 + scipy)
+
+
+def test_a_drive_adds_to_each_step_of_lammps_what_its_formula_takes() -> None:
+    driven = replace(SHORT, drive=Drive(shape="chirp", force=1.0, frequency=1e3, last_frequency=2e3, sweep=1e-4))
+    more = _case("lammps-granular", driven, dt=1e-8).expected - _case("lammps-granular", dt=1e-8).expected
+    assert more == pytest.approx(10_000 * 17e-6)
+    assert _case("verlet", driven, dt=1e-8).expected < 0.1
 
 
 def test_the_label_of_a_case_names_its_scene_code_and_step() -> None:

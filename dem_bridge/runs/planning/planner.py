@@ -20,8 +20,10 @@ from dem_bridge.backends.roundoff import roundoff_floor
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import radius_of
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.foundation.numbers import check_number
 from dem_bridge.observables.accuracy import checked_accuracy
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.costs import WITH_UNCERTAINTY
 from dem_bridge.runs.planning.answer import Plan, answer, beyond, errors_by_setting, evidence_of
 from dem_bridge.runs.planning.check import (
     FINEST,
@@ -56,8 +58,6 @@ SAMPLED = ("velocity", "displacement")
 WORTH_TRYING = 4.0
 #: CPU time, s, that the reference may take, however short the runs are
 CHEAP = 1.0
-#: number of runs that an uncertainty takes, the run itself included
-WITH_UNCERTAINTY = MappingProxyType({"reference": 7.0, "scipy": 3.0})
 #: largest uncertainty of the reference, as a part of the accuracy
 REFERENCE_SHARE = 0.1
 #: largest interpolation error of tables, as a part of the accuracy; numbers of points that are tried
@@ -83,8 +83,8 @@ def plan_for(
     ``name`` is that of a backend; None: the cheapest one is chosen. ``left_out``: backends that are no candidates, with
     the reasons.
     """
-    if budget is not None and not 0.0 < budget < math.inf:
-        raise UsageError(f"budget = {budget!r}; allowed: a number > 0 (s of CPU)")
+    if budget is not None:
+        check_number("budget", budget, "a number > 0 (s of CPU)", above=0.0)
     options = Options(
         scene, checked_accuracy(accuracy), name, observable, sampling or Sampling(count=scene.samples), left_out
     )

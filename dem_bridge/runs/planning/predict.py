@@ -18,9 +18,9 @@ from types import MappingProxyType
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import Prescan
-from dem_bridge.backends.splitting import FUSED
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.errors import UsageError
+from dem_bridge.runs.costs import predicted_cost
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import contact_time_of, rayleigh_time_of
 from dem_bridge.trajectory.dense import PHASE_PER_DENSE_SAMPLE, Schedule
@@ -47,8 +47,6 @@ _FITS = json.loads(Path(__file__).with_name("laws.json").read_text(encoding="utf
 OF_STEP: Mapping[int, ErrorLaw] = MappingProxyType({int(p): ErrorLaw(**fit) for p, fit in _FITS["of_step"].items()})
 #: by the backend
 OF_RTOL: Mapping[str, ErrorLaw] = MappingProxyType({name: ErrorLaw(**fit) for name, fit in _FITS["of_rtol"].items()})
-#: evaluations of the forces in a step, where there is more than one
-EVALUATIONS: Mapping[str, int] = MappingProxyType(_FITS["evaluations"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,18 +91,17 @@ class Outlook:
 
     def cost(self, name: str, setting: float = math.nan) -> float:
         """Predict the CPU time of a run without its uncertainty, s."""
-        bodies = self.scene.n_body
-        if name in _FITS["adaptive"]:
-            once, factor, a, b, c = _FITS["adaptive"][name]
-            coarse = self.prescan.steps * (0.1 if self.scene.damped else 1.0)
-            return float(once + factor * bodies**a * coarse**b * (setting / 1e-6) ** c)
-        kernel = f"in-house, {'fast' if FUSED.covers(self.scene) else 'plain'} kernel"
-        once, row, row_body, evaluation, evaluation_body = _FITS["cost"].get(name, _FITS["cost"][kernel])
         interval = self.scene.duration / self.sampling.count
         steps = self.sampling.count * max(1.0, interval / setting)
-        rows = min(steps, self.sampling.count * max(1.0, interval * self.prescan.frequency / PHASE_PER_DENSE_SAMPLE))
-        evaluations = steps * EVALUATIONS.get(name, 1)
-        return float(once + rows * (row + row_body * bodies) + evaluations * (evaluation + evaluation_body * bodies))
+        resolving = interval * self.prescan.frequency / PHASE_PER_DENSE_SAMPLE
+        return predicted_cost(
+            name,
+            self.scene,
+            steps=steps,
+            samples=min(steps, self.sampling.count * max(1.0, resolving)),
+            coarse=self.prescan.steps * (0.1 if self.scene.damped else 1.0),
+            rtol=setting,
+        )
 
     def known_error(self, name: str, observable: str) -> float:
         """Return the relative error of a backend that has no setting; inf where none is known."""

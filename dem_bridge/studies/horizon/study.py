@@ -25,6 +25,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.report.study import Study, check_setting
 from dem_bridge.runs.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.costs import predicted_cost
 from dem_bridge.runs.store import Store
 from dem_bridge.runs.uncertainty.twins import twin_family
 from dem_bridge.scene.scene import Scene
@@ -40,8 +41,6 @@ PERTURBATION, DIGIT = 1e-10, 2.0**-52
 #: realisations of the last digit: of the reference and of the twin
 DIGITS, TWIN_DIGITS = 6, 2
 SAMPLES = 1000
-#: s of one core for a body and step of the twin, roughly
-_PER_STEP = 5e-9
 #: seeds of perturbations by the last digit are apart from those of perturbations
 _OTHER = 1_000_000
 
@@ -94,7 +93,8 @@ def study_horizon(
     cases = _cases([scene, *moved, *digits], plan.step, engine)
     requested = plan.steps if steps is None else steps
     # seconds, roughly: for the share that each part of the work has in its progress
-    compared, stepped = sum(case.expected for case in cases), _PER_STEP * scene.n_body * requested
+    compared = sum(case.expected for case in cases)
+    stepped = predicted_cost(TWIN, scene, steps=requested, samples=SAMPLES)
     first, second, third = _stages(progress, (compared, stepped, 0.25 * stepped))
     *references, lmp = run_cases(cases, jobs=jobs, progress=first, store=store)
     if failures := [reference.failure for reference in references if reference.failure is not None]:

@@ -19,6 +19,7 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.errors import relative_error
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.runs.costs import WITH_UNCERTAINTY
 from dem_bridge.runs.planning import check as plan_check
 from dem_bridge.runs.planning import planner
 from dem_bridge.runs.planning.answer import Plan
@@ -227,7 +228,7 @@ def test_without_a_reference_two_resolutions_serve(
     scene: Scene, monkeypatch: pytest.MonkeyPatch, solved: Solve
 ) -> None:
     monkeypatch.setattr(planner, "CHEAP", -math.inf)
-    monkeypatch.setattr(planner, "WITH_UNCERTAINTY", dict.fromkeys(planner.WITH_UNCERTAINTY, math.inf))
+    monkeypatch.setattr(planner, "WITH_UNCERTAINTY", dict.fromkeys(WITH_UNCERTAINTY, math.inf))
     for accuracy in (1e-3, 1e-5):
         found = db.plan(scene, accuracy, backend="verlet")
         assert "measured against finer runs" in " ".join(found.reasons)
