@@ -291,7 +291,7 @@ def _diagnosis(
 
 def _without_reference(files: Sequence[FileErrors]) -> QuantityErrors | None:
     """Return a quantity that the reference does not determine; forces are uncertain wherever damped contacts close."""
-    for part in (part for file in files for part in file.quantities.values()):
+    for part in (part for file in files for part in file.quantities.values() if part.scale > 0.0):
         if part.quantity != "contact_force" and part.relative(part.reference_uncertainty) > DETERMINED:
             return part
     return None

@@ -61,4 +61,5 @@ def relative_size(
         ratio = size / of
         without = np.where(size == 0.0, 0.0, size * np.inf)
     ratio = np.where((of > 0.0) & np.isfinite(size), ratio, without)
-    return ratio if ratio.ndim else float(ratio)
+    # an array without axes, as of an observable that is one number, remains one
+    return ratio if isinstance(amount, np.ndarray) or isinstance(scale, np.ndarray) else float(ratio)

@@ -51,6 +51,7 @@ def test_a_relative_size_has_one_answer(amount: float, scale: float, expected: f
 
 def test_numbers_are_floats_and_arrays_have_the_shape_of_both() -> None:
     assert type(relative_size(1.0, 3.0)) is float
+    assert relative_size(np.array(1.0), np.array(0.0)).shape == ()
     # the same division, to the last digit
     assert relative_size(1.0, 3.0) == 1.0 / 3.0
     assert relative_size(np.ones((2, 1)), np.array([2.0, 0.0, 4.0])).tolist() == [[0.5, math.inf, 0.25]] * 2
