@@ -17,6 +17,8 @@ from dem_bridge.trajectory.relative import own_scale, relative_size
 SCALES = {"scale", "speed", "largest"}
 #: modules that divide by such a scale in their own way, each with the reason
 OWN = {
+    "judging/check/laboratory.py": "a run that ended in nan is infinitely far off",
+    "judging/check/step.py": "a step over the largest one that an accuracy permits; no such step is twice too large",
     "backends/roundoff.py": "what solves imports nothing of what judges it",
     "runs/uncertainty/replicas.py": "the rule of the reference shares nothing with the rule of what it judges",
 }
