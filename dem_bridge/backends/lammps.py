@@ -26,7 +26,7 @@ from dem_bridge.backends.tabled import (
     prescan_scene,
     tables_for,
 )
-from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
+from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.foundation import progress
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE, TABLE_STYLE
@@ -92,7 +92,10 @@ class LammpsGranular:
             # the dump grows evenly with the steps: its size tells how far the run is
             monitor = dump_progress(folder / deck.dump_file, deck) if progress.has_listener() else None
             engine: dict[str, Any] = {"engine": self.engine, "worker": worker}
-            report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=monitor, **engine)
+            try:
+                report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=monitor, **engine)
+            except RunBroken as error:
+                raise explained(error, scene, plan.step) from error
             dumps = [
                 read_binary_dump(folder / file, columns=len(DUMP_COLUMNS))
                 for file in (deck.dump_file, *deck.more_dumps)
@@ -158,6 +161,24 @@ class LammpsGranular:
             floor=roundoff_floor(scene, plan, radius) if physical else None,
         )
         return Written(deck=deck, tables=tables)
+
+
+def explained(error: RunBroken, scene: Scene, dt: float) -> RunBroken:
+    """Return the error of a run of LAMMPS, for lost atoms with the limit of stability if the step passed it.
+
+    The limit is 2/omega, where omega is the angular frequency of a contact with its two bodies alone at the largest
+    overlap of a prescan.
+    """
+    if "lost atoms" not in str(error).lower():
+        return error
+    c, mass = scene.contacts, np.append(scene.mass, np.inf)
+    overlap = np.maximum(prescan_scene(scene).peak_overlap, np.finfo(float).tiny)
+    stiffness = (c.exponent - 1.0) * c.stiffness * overlap ** (c.exponent - 2.0)
+    limit = 2.0 / float(np.sqrt((stiffness * (1.0 / mass[c.left] + 1.0 / mass[c.right])).max()))
+    if dt <= limit:
+        return error
+    text = f"the step of {dt:.3g} s passed the limit of stability, 2/omega = {limit:.2g} s of the stiffest contact"
+    return RunBroken(f"{error}; {text}; take a smaller --dt, or --accuracy in its place", log=error.log)
 
 
 class LammpsTable(LammpsGranular):

@@ -161,7 +161,8 @@ def judge(
         settings["dt"] = steps[0]
     if "variables" in settings:
         settings["variables"] = dict(settings["variables"])
-    judgement = dem_bridge.judge(list(files), scene, **settings)
+    with terminal.bar(label=f"the reference solution of {scene}, and fits to {', '.join(files) or 'the runs'}"):
+        judgement = dem_bridge.judge(list(files), scene, **settings)
     if folder is not None:
         judgement.save(folder)
     if as_json:

@@ -147,7 +147,7 @@ def run(
         return
     if backend is None:
         click.echo(f"{'cheapest backend':28} {summary['backend']} (for the reasons: dem-bridge plan)")
-    for name, text in (*_summary_lines(summary), *_step_lines(dem_bridge.load_scene(scene), summary)):
+    for name, text in (*_summary_lines(summary), *_step_lines(dem_bridge.load_scene(scene), result, summary)):
         click.echo(f"{name:28} {text}")
     if output is not None:
         click.echo(f"{'written':28} {output}")
@@ -172,6 +172,7 @@ def verify(
     junit_file: Path | None = None,
     known_defects: str = "fail",
     json_progress: bool = False,
+    verbose: bool = False,
     **settings: Any,
 ) -> None:
     """Verify scenes and write a report.
@@ -181,7 +182,7 @@ def verify(
     for file in (json_file, junit_file):
         if file is not None:
             check_new(file, force)
-    with terminal.bar(json_progress) as progress:
+    with terminal.bar(json_progress, label="the steps of the runs are chosen") as progress:
         verification = dem_bridge.verify(list(scenes) or None, folder=folder, progress=progress, **settings)
     if json_file is not None:
         write_whole(json_file.parent, {json_file.name: (folder / "verdicts.json").read_text(encoding="utf-8")})
@@ -192,7 +193,7 @@ def verify(
     for study in verification.studies:
         if (engine_run := study.run(study.engine)) is not None:
             _warn(engine_run)
-    terminal.print_study(verification)
+    terminal.print_verification(verification, verbose)
     click.echo(f"report: {folder / 'index.html'}")
     if bundle := settings.get("bundle"):
         click.echo(f"bundle: {bundle}; repeat the runs with: sh {bundle / 'replay.sh'}")
@@ -200,17 +201,19 @@ def verify(
 
 
 @with_options("plan")
-def plan(scene: str, accuracy: float, as_json: bool, json_progress: bool = False, **settings: Any) -> None:
+def plan(
+    scene: str, accuracy: float, as_json: bool, json_progress: bool = False, verbose: bool = False, **settings: Any
+) -> None:
     """Find the cheapest settings for an accuracy.
 
     The settings are those of the cheapest backend, or of one backend. Runs check them.
     """
-    with terminal.bar(json_progress) as progress:
+    with terminal.bar(json_progress, label=f"{scene}: the cheapest settings for {accuracy:g}") as progress:
         answer = dem_bridge.plan(scene, accuracy, progress=progress, **settings)
     if as_json:
         print_json(answer.as_json())
     else:
-        terminal.print_plan(answer, scene)
+        terminal.print_plan(answer, scene, verbose)
 
 
 @with_options("doctor")
@@ -276,8 +279,8 @@ def _warn_of_error(scene: str, run: Trajectory) -> None:
         )
 
 
-def _step_lines(scene: Scene, summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the step of a run as a share of the shortest contact time, and whether any contact closes."""
+def _step_lines(scene: Scene, run: Trajectory, summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield whether what a run did is plausible: overlaps and the step as shares of their scales, or no contact."""
     from dem_bridge.scene.timescales import contact_time_of
 
     if summary["largest_force_N"] == 0.0:
@@ -286,6 +289,10 @@ def _step_lines(scene: Scene, summary: dict[str, Any]) -> Iterator[tuple[str, st
     if (steps := summary["steps"]) and summary["settings"].get("dt") and (shortest := contact_time_of(scene)):
         dt = scene.duration / steps
         yield "time step", f"{dt:.6g} s, {dt / shortest:.2g} of the shortest contact time ({1e6 * shortest:.4g} us)"
+    if scene.geometry is not None and scene.law is None and not scene.dissipates:
+        c, radius = scene.contacts, min(body.radius for body in scene.geometry.bodies)
+        overlap = float(((run.peak_force / c.stiffness) ** (1.0 / (c.exponent - 1.0))).max())
+        yield "largest overlap", f"{overlap:.3g} m, {overlap / radius:.2g} of the smallest radius"
 
 
 def _summary(run: Trajectory) -> dict[str, Any]:

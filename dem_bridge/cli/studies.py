@@ -20,6 +20,13 @@ from dem_bridge.foundation import guests
 
 #: annotation of a parameter -> type of its option
 _TYPES = {"float": click.FLOAT, "int": click.INT, "str": click.STRING}
+#: exit code -> what it says of a study
+_EXIT_CODES = {
+    1: "a check above FAILs; this is a result on LAMMPS, and no fault of the installation (see dem-bridge doctor)",
+    2: "a backend that was asked for did not run",
+    3: "a run broke",
+    4: "a check above is UNDECIDED",
+}
 #: parameter that several studies have -> its options in the part "study" of options.json
 _SHARED = {
     "executor": ("executor",),
@@ -86,7 +93,7 @@ def parameters_of(function: Callable[..., Any], descriptions: dict[str, str]) ->
         if name != "scene" and name not in _SHARED:
             yield _option(parameter, descriptions[name])
     common = [option for key in settings for option in _SHARED.get(key, ())]
-    for name in dict.fromkeys((*common, "folder", "as_json", "json_progress")):
+    for name in dict.fromkeys((*common, "folder", "as_json", "json_progress", "verbose")):
         yield shared[name]
 
 
@@ -110,17 +117,21 @@ def _option(parameter: inspect.Parameter, text: str) -> click.Option:
     )
 
 
-def _answer(name: str, *, folder: Path | None, as_json: bool, json_progress: bool, **settings: Any) -> None:
+def _answer(
+    name: str, *, folder: Path | None, as_json: bool, json_progress: bool, verbose: bool, **settings: Any
+) -> None:
     """Run a study, show it, and end with its exit code; settings that were not given are left to the study."""
     chosen = {key: value for key, value in settings.items() if value is not None and value != ()}
-    with terminal.bar(json_progress) as progress:
+    with terminal.bar(json_progress, label=f"study {name}") as progress:
         result = dem_bridge.study(name, folder=folder, progress=progress, **chosen)
     if as_json:
         print_json(result.as_json())
     else:
-        terminal.print_study(result)
+        terminal.print_study(result, verbose)
         if folder is not None:
             click.echo(f"written: {folder / 'index.html'}, with its tables, figures and {name}.json")
+        if result.exit_code:
+            click.echo(f"exit code {result.exit_code}: {_EXIT_CODES[result.exit_code]}")
     sys.exit(130 if result.interrupted else result.exit_code)
 
 

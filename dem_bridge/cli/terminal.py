@@ -17,11 +17,19 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dem_bridge.foundation.progress import Campaign
+    from dem_bridge.observables.verdict import Verdict
     from dem_bridge.report.study import Study, Table
     from dem_bridge.runs.planning.answer import Plan
     from dem_bridge.scene.scene import Scene
+    from dem_bridge.verification.verification import Verification
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
+#: columns of lines for people, where the terminal is not narrower
+WIDTH = 80
+#: largest number of scenes whose answers are printed one by one
+_MOST_SCENES = 10
+#: first words of the sentences on checks that were not run
+_NOT_RUN = "Not run:"
 #: rows of all tables together that are printed on a terminal
 _MOST_ROWS = 100
 #: what a first Ctrl-C prints
@@ -56,9 +64,7 @@ def _cell(value: str | float) -> str:
     """Return a cell of a table: outcomes in their colour, numbers with four digits."""
     from rich.markup import escape
 
-    if isinstance(value, str):
-        return _coloured(value) if value in _OUTCOMES else escape(value)
-    return "-" if value != value else f"{value:.4g}"
+    return _coloured(value) if isinstance(value, str) and value in _OUTCOMES else escape(_plain(value))
 
 
 def print_scenes(scenes: list[Scene]) -> None:
@@ -71,8 +77,15 @@ def print_scenes(scenes: list[Scene]) -> None:
         print(textwrap.fill(scene.description, width, initial_indent=head, subsequent_indent=" " * len(head)))
 
 
-def print_plan(plan: Plan, scene: str) -> None:
-    """Print a plan with its predicted and measured error and cost; ``scene`` is the name or path that was given."""
+def print_plan(plan: Plan, scene: str, verbose: bool = False) -> None:
+    """Print a plan with its predicted and measured error and cost, and the command that makes the run last.
+
+    ``scene`` is the name or path that was given. ``verbose``: the reasons come before.
+    """
+    for reason in plan.reasons if verbose else ():
+        _say(f"reason: {reason}")
+    if plan.reasons and not verbose:
+        _say(f"{len(plan.reasons)} reasons (-v prints them)")
     settings = ", ".join(f"{key} = {value}" for key, value in plan.resolution.items()) or "default settings"
 
     def numbers(error: float | None, cost: float | None) -> str:
@@ -101,9 +114,9 @@ def print_plan(plan: Plan, scene: str) -> None:
         keywords = "".join(f", {key}={value!r}" for key, value in plan.resolution.items())
         rows["command"] = f"db.solve({scene!r}, backend={plan.backend!r}{keywords})"
     for key, value in rows.items():
-        _console().print(f"{key:10} {value}", markup=False, soft_wrap=True)
-    for reason in plan.reasons:
-        _console().print(f"reason: {reason}", markup=False, soft_wrap=True)
+        # a command stays in one line, so that it can be copied
+        width = sys.maxsize if key == "command" else WIDTH
+        print(textwrap.fill(value, width, initial_indent=f"{key:10} ", subsequent_indent=" " * 11))
 
 
 def _without_single_scene(table: Table) -> tuple[str, Sequence[str], Sequence[Sequence[str | float]]]:
@@ -114,37 +127,118 @@ def _without_single_scene(table: Table) -> tuple[str, Sequence[str], Sequence[Se
     return f"{table.title}: {scenes.pop()}", table.columns[1:], [row[1:] for row in table.rows]
 
 
-def print_study(study: Study) -> None:
-    """Print the answer, the first tables, the number of verdicts by outcome, and the verdicts that do not pass."""
+def print_study(study: Study, verbose: bool = False) -> None:
+    """Print what does not pass, the answer and the number of verdicts by outcome, so that the answer is last.
+
+    ``verbose``: tables and notes come before.
+    """
+    if verbose:
+        _print_tables(study.tables)
+        for note in study.notes:
+            _say(f"note: {note}")
+    elif study.tables:
+        _say(f"{len(study.tables)} tables, {len(study.notes)} notes (-v prints them, -o writes them)")
+    for line in _not_passed(study.verdicts):
+        _say(line)
+    for sentence in study.answer:
+        _say(f"* {sentence}")
+    _print_counts(study)
+
+
+def print_verification(verification: Verification, verbose: bool = False) -> None:
+    """Print the answer of a verification: for each scene its error, the cause and the steps, and one line a cause.
+
+    Of more than ten scenes those that pass are counted, and the answer on all of them follows. ``verbose``: as for
+    studies, tables and notes, and a line for each verdict that does not pass.
+    """
+    from dem_bridge.verification.banner import banner_of
+
+    if verbose:
+        _print_tables(verification.tables)
+        for line in (*(f"note: {note}" for note in verification.notes), *_not_passed(verification.verdicts)):
+            _say(line)
+    reasons: dict[str, int] = {}
+    banners = [banner_of(study, verification.accuracy) for study in verification.studies]
+    several = len(banners) > _MOST_SCENES
+    for banner in banners:
+        for sentence in (text for text in banner.sentences if text.startswith(_NOT_RUN)):
+            reasons[sentence] = reasons.get(sentence, 0) + 1
+        if several and banner.outcome.value == "PASS":
+            continue
+        said = [sentence for sentence in banner.sentences if not sentence.startswith(_NOT_RUN)]
+        _say(f"{banner.scene}: {' '.join(said)}")
+        for group in banner.groups:
+            _say(f"  {group.sentence}{f' Write: {group.write}' if group.write else ''}")
+    for sentence in verification.answer if several else ():
+        _say(f"* {sentence}")
+    for sentence, count in reasons.items():
+        _say(f"{sentence}{f' ({count} scenes)' if count > 1 else ''}")
+    _print_counts(verification)
+
+
+def _print_counts(study: Study) -> None:
+    """Print the number of verdicts by outcome, and whether the study was interrupted."""
     from collections import Counter
 
+    if counts := Counter(verdict.outcome.value for verdict in study.verdicts):
+        words = ", ".join(f"{count} {_coloured(outcome)}" for outcome, count in counts.items())
+        _console().print(f"verdicts: {words}")
+    if study.interrupted:
+        _say("interrupted: only the results up to the interruption are shown")
+
+
+def _not_passed(verdicts: Sequence[Verdict]) -> Iterator[str]:
+    """Yield the outcome and sentence of verdicts that do not pass, each sentence once with the number of scenes."""
+    from collections import Counter
+
+    left = [v for v in verdicts if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE")]
+    for line, count in Counter(f"{v.outcome.value}: {v.sentence}" for v in left).items():
+        yield f"{line}{f' ({count} times)' if count > 1 else ''}"
+
+
+def _say(text: str) -> None:
+    """Print a sentence; its words are wrapped at the width of the terminal, at most 80 columns, and never broken."""
+    within = text[: len(text) - len(text.lstrip())]
+    width = min(WIDTH, columns())
+    following = within + "  "
+    print(textwrap.fill(text, width, subsequent_indent=following, break_long_words=False, break_on_hyphens=False))
+
+
+def _print_tables(tables: Sequence[Table]) -> None:
+    """Print tables; those with very many rows are named. A table that is too wide has a line for each cell."""
     from rich.table import Table as Grid
 
     console, rows = _console(), 0
-    for sentence in study.answer:
-        console.print(f"* {sentence}", markup=False)
-    for data in study.tables:
+    for data in tables:
         rows += len(data.rows)
         if rows > _MOST_ROWS:
-            console.print(f"{data.title}: {len(data.rows)} rows (-o writes them to tables/{data.id}.csv)", markup=False)
+            _say(f"{data.title}: {len(data.rows)} rows (-o writes them to tables/{data.id}.csv)")
             continue
-        title, columns, cells = _without_single_scene(data)
+        title, names, cells = _without_single_scene(data)
         console.print(title, style="bold", markup=False)
-        table = Grid(box=None, pad_edge=False)
-        for name in columns:
-            table.add_column(name, overflow="fold")
+        grid = Grid(box=None, pad_edge=False)
+        for name in names:
+            grid.add_column(name, overflow="fold")
         for row in cells:
-            table.add_row(*map(_cell, row))
-        console.print(table)
-    if counts := Counter(verdict.outcome.value for verdict in study.verdicts):
-        console.print(f"verdicts: {', '.join(f'{count} {_coloured(outcome)}' for outcome, count in counts.items())}")
-    for verdict in study.verdicts:
-        if verdict.outcome.value not in ("PASS", "MODEL_DIFFERENCE"):
-            console.print(f"{verdict.outcome.value}: {verdict.sentence}", markup=False)
-    for note in study.notes:
-        console.print(f"note: {note}", markup=False)
-    if study.interrupted:
-        console.print("interrupted: only the results up to the interruption are shown", markup=False)
+            grid.add_row(*map(_cell, row))
+        if console.measure(grid).minimum <= console.width and _fits(names, cells, console.width):
+            console.print(grid)
+            continue
+        for row in cells:
+            first, *others = (f"{name} {_plain(value)}" for name, value in zip(names, row, strict=True))
+            _say(f"{first}; {'; '.join(others)}")
+
+
+def _fits(names: Sequence[str], cells: Sequence[Sequence[str | float]], width: int) -> bool:
+    """Return True if a table has room for the longest word of each column."""
+    rows = [names, *(list(map(_plain, row)) for row in cells)]
+    longest = [max(len(word) for row in rows for word in (row[k].split() or [""])) for k in range(len(names))]
+    return sum(longest) + 2 * len(longest) <= width
+
+
+def _plain(value: str | float) -> str:
+    """Return a cell without colours."""
+    return value if isinstance(value, str) else "-" if value != value else f"{value:.4g}"
 
 
 class _Meter:

@@ -32,7 +32,7 @@ def summary(answer: Iterable[str], facts: Sequence[str] = (), *, title: str = ""
     15
     """
     lines = [title] if title else []
-    below = [f"  {textwrap.shorten(fact, WIDTH - 2, placeholder=' ...')}" for fact in facts]
+    below = [f"  {fact}" if len(fact) <= WIDTH - 2 else f"  {fact[: WIDTH - 6]} ..." for fact in facts]
     room = MOST_LINES - len(lines) - len(below)
     wrapped = [
         line for text in answer for line in textwrap.wrap(text, WIDTH, initial_indent="  ", subsequent_indent="  ")

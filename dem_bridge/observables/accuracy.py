@@ -9,6 +9,7 @@ Science and Engineering*, ch. 5). Where the resolutions show no clean order, an 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ from dem_bridge.foundation.numbers import check_number
 
 #: largest difference between the observed and the formal order that counts as clean
 ORDER_WINDOW = 0.1
+#: smallest accuracy that is looked for, relative: ten times the distance of numbers in double precision
+FINEST_ACCURACY = 10.0 * sys.float_info.epsilon
 #: largest plausible order: values that seem to converge faster agree by chance
 MOST_ORDER = 8.0
 
@@ -321,14 +324,20 @@ def checked_accuracy(accuracy: object) -> float:
     Raises
     ------
     UsageError
-        If it is not a number between 0 and 1.
+        If it is not a number between 0 and 1, or below :data:`FINEST_ACCURACY`.
 
     Examples
     --------
     >>> checked_accuracy(1e-6)
     1e-06
     """
-    return float(check_number("accuracy", accuracy, "a number between 0 and 1, such as 1e-6", above=0.0, below=1.0))
+    number = float(check_number("accuracy", accuracy, "a number between 0 and 1, such as 1e-6", above=0.0, below=1.0))
+    if number < FINEST_ACCURACY:
+        raise UsageError(
+            f"accuracy = {number:g} cannot be reached: double precision rounds every velocity to 1.1e-16 of its size,"
+            f" at every step; allowed: at least {FINEST_ACCURACY:.1g}; ask for less"
+        )
+    return number
 
 
 def _sorted_rows(

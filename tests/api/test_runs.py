@@ -159,7 +159,7 @@ def test_an_accuracy_is_not_bought_at_any_price(accuracy: float) -> None:
 
 
 def test_an_accuracy_beyond_what_can_be_run_is_refused_with_advice() -> None:
-    with pytest.raises(UsageError, match=r"accuracy = 1e-15 on pair .*ask for less"):
+    with pytest.raises(UsageError, match=r"accuracy = 1e-15 cannot be reached: .*ask for less"):
         db.solve(PAIR, backend="verlet", accuracy=1e-15)
 
 

@@ -111,7 +111,8 @@ def test_a_long_table_is_named_and_an_interruption_is_said(
 ) -> None:
     monkeypatch.setattr(terminal, "_MOST_ROWS", 2)
     table = Table(id="numbers", title="Numbers", caption="", columns=("x",), rows=((1.0,), (2.0,), (3.0,)))
-    terminal.print_study(Study(id="small", title="", answer=(), tables=(table,), figures=(), interrupted=True))
+    study = Study(id="small", title="", answer=(), tables=(table,), figures=(), interrupted=True)
+    terminal.print_study(study, verbose=True)
     shown = " ".join(capsys.readouterr().out.split())
     assert "Numbers: 3 rows (-o writes them to tables/numbers.csv)" in shown
     assert "interrupted: only the results up to the interruption are sho" in shown

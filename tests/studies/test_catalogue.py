@@ -100,7 +100,7 @@ def test_options_are_the_parameters_of_the_signature_and_each_is_documented(name
     assert description.split("\n")[0] == catalogue.STUDIES[name].summary
     command = group.commands[name]
     command.get_params(click.Context(command))
-    options = {one.name for one in command.params} - {"folder", "as_json", "json_progress"}
+    options = {one.name for one in command.params} - {"folder", "as_json", "json_progress", "verbose"}
     assert options == {option for key in parameters for option in SHARED.get(key, {key})}
     for option in command.params:
         parameter = parameters.get(str(option.name))
@@ -371,7 +371,7 @@ def test_what_was_interrupted_is_written_and_says_so(tmp_path: Path) -> None:
 
 def test_the_terminal_knows_all_outcomes(capsys: pytest.CaptureFixture[str]) -> None:
     assert set(terminal._OUTCOMES) == {outcome.value for outcome in Outcome}
-    terminal.print_study(small())
+    terminal.print_study(small(), verbose=True)
     shown = capsys.readouterr().out
     assert "* It <is> so." in shown
     assert "[a]" in shown
@@ -383,7 +383,7 @@ def test_the_scene_stands_in_the_title_if_all_rows_share_it(
 ) -> None:
     rows = tuple((name, float(x)) for x, name in enumerate(names))
     table = Table(id="numbers", title="Numbers", caption="", columns=("scene", "x"), rows=rows)
-    terminal.print_study(replace(small(), tables=(table,)))
+    terminal.print_study(replace(small(), tables=(table,)), verbose=True)
     shown = capsys.readouterr().out
     shared = len(set(names)) == 1
     assert ("Numbers: pair" in shown) == shared

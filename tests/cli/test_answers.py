@@ -1,0 +1,115 @@
+"""The last lines of a command are its answer, in 80 columns; tables and notes come where they are asked for."""
+
+from __future__ import annotations
+
+import re
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import dem_bridge as db
+from dem_bridge.backends.lammps import explained
+from dem_bridge.cli import terminal
+from dem_bridge.cli.group import _step_lines, _summary
+from dem_bridge.errors import RunBroken
+from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.study import Study, Table
+from tests.helpers.command_line import assert_one_line, run_here
+from tests.helpers.fake_runs import CHAIN
+
+LONG = "LAMMPS differs from the same algorithm in another code by more than round-off of its positions allows " * 3
+TABLE = Table(
+    id="wide",
+    title="Wide",
+    caption="",
+    columns=("scene", "a-long-name"),
+    rows=(("pair", "w" * 50), ("chain", "v" * 50)),
+)
+VERDICT = Verdict(
+    scene="pair", quantity="velocity", backend="lammps-granular", reference="verlet",
+    outcome=Outcome.NOT_RUN, sentence="there is no LAMMPS; install the package lammps",
+)  # fmt: skip
+
+
+def test_the_answer_is_last_and_no_word_is_broken(capsys: pytest.CaptureFixture[str]) -> None:
+    study = Study(id="s", title="", answer=(LONG,), tables=(TABLE,), notes=("A note.",), verdicts=(VERDICT,) * 3)
+    terminal.print_study(study)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert (
+        LONG.split() == [word for line in lines for word in line.split() if word in LONG.split()][-len(LONG.split()) :]
+    )
+    assert lines[-1] == "verdicts: 3 NOT_RUN"
+    # each reason once, and tables where they are asked for
+    assert sum("install the package lammps" in line for line in lines) == 1
+    assert "(3 times)" in " ".join(lines)
+    assert not any("A note." in line or "w" * 50 in line for line in lines)
+    terminal.print_study(study, verbose=True)
+    shown = capsys.readouterr().out
+    assert "note: A note." in shown
+    assert "w" * 50 in shown
+
+
+def test_a_table_that_is_too_wide_has_its_cells_in_sentences(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(terminal, "columns", lambda: 40)
+    columns = tuple(f"column-{k}" for k in range(30))
+    table = Table(id="w", title="W", caption="", columns=columns, rows=(tuple(float(k) for k in range(30)),))
+    terminal.print_study(Study(id="s", title="", answer=(), tables=(table,)), verbose=True)
+    shown = capsys.readouterr().out
+    assert all(f"column-{k} {k}" in " ".join(shown.split()) for k in range(30))
+    assert max(map(len, shown.splitlines())) <= 80
+
+
+@pytest.mark.lammps
+def test_a_verification_ends_with_error_cause_counts_and_page(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(CHAIN, encoding="utf-8")
+    done = run_here("verify", "small.toml", "--accuracy", "1e-4", "-o", "report", cwd=tmp_path)
+    assert done.returncode == 0
+    lines = done.stdout.splitlines()
+    assert len(lines) <= 10
+    assert max(map(len, lines)) <= 80
+    assert re.match(r"small: PASS: at \S+ s LAMMPS is within", lines[0])
+    assert "Cause: the time step." in " ".join(done.stdout.split())
+    assert re.match(r"verdicts: \d+ PASS", lines[-2])
+    assert lines[-1] == "report: report/index.html"
+    more = run_here("verify", "small.toml", "--accuracy", "1e-4", "-o", "report", "-v", cwd=tmp_path)
+    assert "Verdicts" in more.stdout
+    assert more.stdout.splitlines()[-len(lines) :] == lines
+
+
+def test_what_double_precision_excludes_is_refused_at_once(tmp_path: Path) -> None:
+    for words in (("run", "decelerating-40"), ("plan", "decelerating-40"), ("verify", "decelerating-40")):
+        began = time.process_time()
+        done = run_here(*words, "--accuracy", "1e-15", cwd=tmp_path)
+        assert done.returncode == 2
+        assert_one_line(done, "cannot be reached: double precision", "allowed: at least 2e-15")
+        assert time.process_time() - began < 5.0
+
+
+def test_a_run_says_what_is_plausible() -> None:
+    scene = db.load_scene("tapered-backward")
+    run = db.solve(scene, backend="verlet", dt=1e-6)
+    rows = dict(_step_lines(scene, run, _summary(run)))
+    assert rows["time step"].startswith("8e-07 s, 0.0")
+    overlap = float(rows["largest overlap"].split()[0])
+    # the force of Hertz at this overlap is the largest of the run in some contact
+    forces = scene.contacts.stiffness * overlap**1.5
+    assert min(abs(forces / run.peak_force - 1.0)) < 1e-2
+    still = replace(scene, velocity=(0.0,) * scene.n_body)
+    nothing = db.solve(still, backend="verlet", dt=1e-6)
+    assert dict(_step_lines(still, nothing, _summary(nothing))) == {"contacts": "no contact closes"}
+
+
+def test_lost_atoms_are_told_with_the_limit_that_was_passed() -> None:
+    scene, lost = db.load_scene("decelerating-40"), RunBroken("ERROR: Lost atoms: original 41 current 3", log="the log")
+    passed = explained(lost, scene, 1e-4)
+    limit = float(re.findall(r"2/omega = (\S+) s", str(passed))[0])
+    assert 1e-6 < limit < 2e-5
+    assert (passed.log, "take a smaller --dt" in str(passed)) == ("the log", True)
+    assert explained(lost, scene, 0.5 * limit) is lost
+    other = RunBroken("ERROR: Unknown command")
+    assert explained(other, scene, 1e-4) is other
