@@ -116,7 +116,7 @@ def count_tests(tests: Mapping[str, Module], modules: Mapping[str, Module]) -> d
 
 def private_calls(module: Module, private: set[str]) -> Iterator[str]:
     """Yield the private functions of the package that a test calls, one for each call."""
-    own = {node.name for node in module.functions} | _names_of_tests(module)
+    own = {node.name for node in module.functions} | _names_of_tests(module) | _assigned(module)
     for node in module.nodes:
         if isinstance(node, ast.Call):
             target = node.func
@@ -134,6 +134,12 @@ def _names_of_tests(module: Module) -> set[str]:
     froms = [node for node in module.nodes if isinstance(node, ast.ImportFrom)]
     ours = [node for node in froms if node.level or (node.module or "").partition(".")[0] == "tests"]
     return {alias.asname or alias.name for node in ours for alias in node.names}
+
+
+def _assigned(module: Module) -> set[str]:
+    """Return the names to which a module assigns, such as partial functions."""
+    targets = [target for node in module.tree.body if isinstance(node, ast.Assign) for target in node.targets]
+    return {target.id for target in targets if isinstance(target, ast.Name)}
 
 
 def patched(module: Module) -> Iterator[str]:

@@ -117,15 +117,15 @@ def test_sizes_are_those_of_code_and_limits_are_exclusive(tmp_path: Path) -> Non
 
 def test_private_calls_and_patches_of_tests_are_counted_by_folder(tmp_path: Path) -> None:
     text = (
-        "from dem_bridge.low.other import _hidden\nfrom tests.low.helpers import _shown\n\n"
+        "from dem_bridge.low.other import _hidden\nfrom tests.low.helpers import _shown\n\n_own = len\n"
         "def test_a(monkeypatch, thing):\n"
         "    _hidden()\n    thing._hidden()\n    thing._replace()\n    thing.__len__()\n"
         # a helper of other tests has the name of a private function, and a method of a protocol is not private
-        "    _shown()\n    thing._repr_html_()\n"
+        "    _shown()\n    thing._repr_html_()\n    _own()\n"
         "    monkeypatch.setattr(thing, '_hidden', None)\n    monkeypatch.setenv('A', 'b')\n"
         "    setattr(thing, 'x', 1)\n"
     )
-    functions = "\n".join(f"def {name}():\n    pass\n" for name in ("_hidden", "_shown", "_repr_html_"))
+    functions = "\n".join(f"def {name}():\n    pass\n" for name in ("_hidden", "_shown", "_own", "_repr_html_"))
     more = {"dem_bridge/low/other.py": functions, "tests/low/test_a.py": text}
     counts = house.count(tiny(tmp_path, **more))
     found = [counts[name].number for name in counts if name.endswith("in tests")]

@@ -8,13 +8,15 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.errors import SceneError
-from dem_bridge.judging import limits
+from dem_bridge.judging.deck import UserDeck
+from dem_bridge.judging.limits import deck_limits
 from dem_bridge.lmp.known_defects import mixing_warning, stated_release
 from tests.helpers.lammps_scripts import read, script
 
@@ -102,8 +104,12 @@ def test_import_deck_warns(release: str, told: bool, tmp_path: Path) -> None:
 @pytest.mark.parametrize(("release", "told"), [(20210929, True), (20250722, False)])
 def test_judge_warns_where_an_old_release_ran_the_deck(release: int, told: bool) -> None:
     deck = read(coefficients=_coefficients(next(iter(PAIRS)), "hertz"))
-    run: Any = SimpleNamespace(deck=SimpleNamespace(read=deck, commands=(), last=lambda name: None), version=release)
-    rows = {row.what: row.advice for row in limits._of_contacts(run)}
+    nothing: Any = SimpleNamespace(units="si", time_steps=[], step=None, particles=SimpleNamespace(atoms={}))
+    user = UserDeck(path=Path("in.x"), commands=(), state=nothing, read=deck, mirrored=False, problems=())
+    run: Any = SimpleNamespace(deck=user, version=release, dt=None, dangerous=0)
+    record = SimpleNamespace(time=np.array([0.0, 1e-6]))
+    errors: Any = SimpleNamespace(record=record, quantities={"velocity": SimpleNamespace(scale=1.0)})
+    rows = {row.what: row.advice for row in deck_limits(deck.scene, run, errors)}
     assert ("mixing of types" in rows) == told
     assert ("write pair_coeff 1 2 hertz" in rows.get("mixing of types", "")) == told
 
