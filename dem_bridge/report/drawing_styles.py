@@ -19,12 +19,15 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
+from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.report.study import Panel
 
 #: the data: colours of the Okabe-Ito set, and the matplotlib arguments of styles, whose colours have names here
 _DATA = json.loads(Path(__file__).with_name("drawing_styles.json").read_text(encoding="utf-8"))
 _INK: Mapping[str, str] = _DATA["colours"]
 BLACK, BLUE, VERMILION, GREEN = (_INK[name] for name in ("black", "blue", "vermilion", "green"))
+#: markers that no code of the data has
+_FREE_MARKS = ("h", "8", "d", "<", "H")
 #: backends with a single setting, which have a marker and no line
 _ALONE = ("reference", "bca", "adiabatic")
 
@@ -60,6 +63,16 @@ _ON_FRONT = {"marker": "o", "markersize": 4.5, "markerfacecolor": "none", "marke
 BARS: tuple[Mapping[str, Any], ...] = ({"color": BLUE}, {"color": _INK["orange"], "hatch": "////"})
 
 
+def _free_mark(code: str) -> str:
+    """Return the marker of a code that the data do not name: a free one for each backend, and one for all others.
+
+    >>> _free_mark("unknown")
+    '>'
+    """
+    others = [name for name in BACKENDS if name not in _DATA["codes"]]
+    return _FREE_MARKS[others.index(code) % len(_FREE_MARKS)] if code in others else ">"
+
+
 def style_of(name: str) -> dict[str, Any]:
     """Return the matplotlib arguments of the style of a Series.
 
@@ -76,7 +89,7 @@ def style_of(name: str) -> dict[str, Any]:
     if not name.startswith(("curve/", "mark/")):
         return dict(STYLES.get(name) or _FURTHER.get(name) or _FURTHER["other"])
     kind, code, variant = f"{name}/".split("/")[:3]
-    colour, mark, size = _DATA["codes"].get(code, ("grey", ">", 5.5))
+    colour, mark, size = _DATA["codes"].get(code) or ("grey", _free_mark(code), 5.5)
     filled = variant == "richardson" or code in _ALONE
     return {
         "color": _INK[colour],

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from dem_bridge.backends.base import Resolution, Sampling, backend, supports_of
+from dem_bridge.backends.base import BACKENDS, Resolution, Sampling, backend, supports_of
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
@@ -23,6 +23,8 @@ MAIN = (DECELERATING, ACCELERATING)
 LONG = ("decelerating-200", "accelerating-200")
 #: accuracy of all other scenes, of which the claims need no more digits
 OTHER_ACCURACY = 1e-4
+#: backends that verifications of scenes run
+IN_ROLES = ("lammps-granular", "lammps-table", "verlet", "reference", "scipy", "bca")
 #: further backends: an external integrator, one of order 4, the paper's method, and the more accurate theory
 BESIDE = {
     "ase": Resolution(dt=1e-7),
@@ -30,6 +32,8 @@ BESIDE = {
     "ode45": Resolution(),
     "adiabatic": Resolution(),
 }
+#: ... and every other backend that has no role in a verification, with its default settings
+BESIDE |= {name: Resolution() for name in BACKENDS if name not in (*BESIDE, *IN_ROLES)}
 #: backends whose values the claims list, in this order
 JUDGES = (REFERENCE, "lammps", "ode45", "bca", "adiabatic")
 #: mass gradients of figure 6, and the step of LAMMPS on them
