@@ -54,7 +54,7 @@ def sketch(
         parts.append(_upright(x, middle, scale * half + 2.0, 4.0, "currentColor"))
     for (wide, high), moves in zip(shown, moving, strict=False):
         a, b = scale * wide, scale * high
-        ink = f'fill="currentColor" fill-opacity="{0.55 if moves else 0.12}" stroke="currentColor" stroke-width=".7"'
+        ink = f'fill="currentColor" fill-opacity="{0.6 if moves else 0.0}" stroke="currentColor" stroke-width=".7"'
         if wide == high:
             parts.append(f'<ellipse cx="{x + a:.1f}" cy="{middle:.1f}" rx="{a:.1f}" ry="{b:.1f}" {ink}/>')
         else:
@@ -67,7 +67,7 @@ def sketch(
     for (position, high), beta in zip(touch, stiffness, strict=False):
         if len(touch) > 1 and position < x:
             parts.append(_upright(position, middle, 0.8 * high, width, _colour(beta, stiffness)))
-    caption = f"dark bodies move at the start; contacts are coloured by stiffness from blue to orange ({unit})"
+    caption = f"filled bodies move at the start; contacts are coloured by stiffness from blue to orange ({unit})"
     if len(shown) < len(outlines):
         caption = f"the first {len(shown)} of {len(outlines)} bodies; {caption}"
     size = f'width="{x + 6.0:.0f}" height="{2.0 * middle:.0f}"'

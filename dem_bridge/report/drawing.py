@@ -8,17 +8,32 @@ width of a printed sheet, so that text has its size on paper: 8 points or more.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes as Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.transforms import Bbox
 
-from dem_bridge.report.colours import colour_limits
+from dem_bridge.report.colours import DIVERGING, colour_limits
+from dem_bridge.report.drawing_names import (
+    THINNED,
+    draw_legend,
+    lines_of_names,
+    move_apart,
+    name_lines,
+    names_fit,
+    names_in_row,
+    names_of,
+    thinned,
+)
 from dem_bridge.report.drawing_styles import (
     BARS,
     groups_of_scale,
@@ -29,13 +44,16 @@ from dem_bridge.report.drawing_styles import (
 )
 from dem_bridge.report.study import FigureData, Map, Panel, Series
 
-#: colour map with even lightness; also for values of both signs, because two-sided colour maps are ambiguous in grey
+#: colour map with even lightness, and that of values of both signs
 COLOURS = "cividis"
+_SIGNED = LinearSegmentedColormap.from_list("signed", DIVERGING)
 #: width of a figure, inches: that of a sheet of A4 between margins of 12 mm; width of a figure in a notebook
 WIDTH, NOTEBOOK_WIDTH = 7.3, 6.6
 _HEIGHT = {"map": 2.25, "series": 1.95}
 #: height of a small multiple, inches
 _SMALL = 1.05
+#: width of names beside a panel, inches
+_NAMES = 0.9
 #: part of its height that a panel of a narrow figure has
 _NARROW = 0.65
 #: part of the width of a figure that the panels have that stand left of a last one
@@ -55,7 +73,6 @@ _ON_SHEET, _IN_NOTEBOOK = (9.0, 8.0), (11.0, 9.0)
 _LETTERS = 8.4
 #: letters of a label of a y axis in a line: a panel is 2 inches high
 _LETTERS_OF_Y = 30
-_THINNED = "circles and crosses: not all points are marked"
 #: largest number of markers of a series without a line, and along a line
 _MARKS, _MARKS_ON_LINE = 24, 9
 #: least uncertainty that is drawn, relative to the largest value: a third of the width of a line on a panel
@@ -70,20 +87,23 @@ def draw_figure(data: FigureData) -> Figure:
     20 columns; an arrow of the colour bar marks values beyond it, such as those of a last body that flies off. With
     ``data.last_beside`` the last panel is as high as all others, and stands right of them, if there are others.
     """
-    panels = data.panels
+    panels = [drawn_part(panel) for panel in data.panels]
     if data.small:
         return _draw_small(data)
     beside = data.last_beside and len(panels) > 1
     stacked = len(panels) - beside
     columns = max(1, min(data.columns, stacked))
     rows = [list(range(k, min(k + columns, stacked))) for k in range(0, stacked, columns)]
-    heights = [
-        (0.85 if beside else _NARROW if data.width else 1.0) * max(_height(panels[k]) for k in row) for row in rows
-    ]
     wide = columns > 1 or beside or any(panel.rows for panel in panels)
     page = data.width * WIDTH if data.width else WIDTH if wide else 0.62 * WIDTH
     layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06)
-    rows_of_names = -(-len(_names(panels)) // _names_in_row(_names(panels), page))
+    named = not names_fit(panels, page) and not beside and columns <= 2
+    heights = [
+        (0.85 if beside else _NARROW if data.width else 1.0) * max(_height(panels[k], named) for k in row)
+        for row in rows
+    ]
+    names = names_of(panels)
+    rows_of_names = 0 if named else -(-len(names) // names_in_row(names, page))
     figure = Figure(figsize=(page, sum(heights) + 0.35 + 0.17 * max(0, rows_of_names - 1)), layout=layout)
     if not rows:
         return figure
@@ -93,9 +113,11 @@ def draw_figure(data: FigureData) -> Figure:
         left, right = figure.subfigures(1, 2, width_ratios=[_LEFT, 1.0 - _LEFT], squeeze=False)[0]
     grid = left.add_gridspec(len(rows), columns, height_ratios=heights)
     axes = [left.add_subplot(grid[divmod(k, columns)]) for k in range(stacked)]
+    if stacked % columns:  # the last panel of a row that is not full has the room of those that are not there
+        axes[-1].set_subplotspec(grid[(stacked - 1) // columns, (stacked - 1) % columns :])
     axes += [right.add_subplot() for _ in range(stacked, len(panels))]
     part = _LEFT if beside else 1.0
-    widths = [page * part / columns] * stacked + [page * (1.0 - part)]
+    widths = [page * part / columns - (_NAMES if named else 0.0)] * stacked + [page * (1.0 - part)]
     groups = groups_of_scale(panels)
     limits: dict[int, tuple[float, float, str]] = {}
     for group in groups:
@@ -118,8 +140,26 @@ def draw_figure(data: FigureData) -> Figure:
             indices = list(alike)
             label, (_, _, extend) = label_and_limits
             _colour_bar(left, images[indices[0]], [axes[k] for k in indices], label, extend)
-    _legend(figure, axes)
+    if named:
+        _name_beside(figure, axes, panels, rows)
+    else:
+        draw_legend(figure, axes)
     return figure
+
+
+def _name_beside(figure: Figure, axes: Sequence[Axes], panels: Sequence[Panel], rows: Sequence[Sequence[int]]) -> None:
+    """Name the lines of each panel beside it, unless those of the next panel of its row have the same names."""
+    named = []
+    for row in rows:
+        for k in row:
+            following = panels[k + 1] if k + 1 in row else None
+            if following is None or following.map is not None or names_of([panels[k]]) != names_of([following]):
+                named.append((axes[k], name_lines(axes[k], panels[k])))
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    engine.execute(figure)
+    for ax, names in named:
+        move_apart(ax, names)
 
 
 def _draw_small(data: FigureData) -> Figure:
@@ -143,6 +183,7 @@ def draw_panel(ax: Axes, panel: Panel) -> Axes:
     """Draw a panel on existing axes, with its own colour bar and legend, and return the axes."""
     figure = ax.get_figure(root=True)
     assert figure is not None
+    panel = drawn_part(panel)
     if panel.map is not None:
         low, high, extend = colour_limits([panel.map])
         image = _draw_map(ax, panel.map, (low, high))
@@ -152,12 +193,12 @@ def draw_panel(ax: Axes, panel: Panel) -> Axes:
     if panel.map is None:
         scale_together([ax], [panel])
     if panel.series:
-        columns = _names_in_row(_names([panel]), inches)
-        rows, thinned = -(-len(_names([panel])) // columns), _thinned(ax)
+        columns = names_in_row(names_of([panel]), inches)
+        rows, some = -(-len(names_of([panel])) // columns), thinned(ax)
         if panel.map is None:  # room for the legend above the lines
             low, high = ax.get_ylim()
             high = max(high, *(_top(line) for line in panel.series))
-            ax.set_ylim(low, high + (0.085 * (rows + thinned) + 0.02) * (high - low))
+            ax.set_ylim(low, high + (0.085 * (rows + some) + 0.02) * (high - low))
         ax.legend(
             # ahead of the front a map is empty
             loc="upper left" if panel.map is None else "lower right",
@@ -165,7 +206,7 @@ def draw_panel(ax: Axes, panel: Panel) -> Axes:
             frameon=panel.map is not None,
             handlelength=3.0,
             ncols=columns,
-            title=_THINNED if thinned else None,
+            title=THINNED if some else None,
             title_fontsize=9,
         )
     return ax
@@ -196,10 +237,41 @@ def _top(line: Series) -> float:
     return float(np.nanmax(line.y + bar, initial=-np.inf))
 
 
+def panel_boxes(figure: Figure) -> list[tuple[float, float, float, float]]:
+    """Return the place of the legend and of each panel with its colour bar on a figure whose layout is fixed.
+
+    Each is (left, top, width, height), points. Empty for a single panel, and for panels that share the names of rows.
+    """
+    renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
+    axes = figure.get_axes()
+    bars = [ax for ax in axes if ax.get_label() == "<colorbar>"]
+    panels = [ax for ax in axes if ax not in bars]
+    if len(panels) < 2 or not all(ax.get_ylabel() and ax.get_visible() for ax in panels):
+        return []
+    # what is visible has a box
+    boxes = [box for ax in panels if (box := ax.get_tightbbox(renderer)) is not None]
+    for place in (box for bar in bars if (box := bar.get_tightbbox(renderer)) is not None):
+        left = [k for k, box in enumerate(boxes) if box.y0 < (place.y0 + place.y1) / 2.0 < box.y1 and box.x0 < place.x0]
+        if left:
+            nearest = max(left, key=lambda k: boxes[k].x1)
+            boxes[nearest] = Bbox.union([boxes[nearest], place])
+    legends = [legend.get_window_extent(renderer) for legend in figure.legends]
+    scale, height = 72.0 / figure.dpi, figure.bbox.height
+    padded = [box.padded(3.0) for box in (*legends, *boxes)]
+    return [(scale * b.x0, scale * (height - b.y1), scale * b.width, scale * b.height) for b in padded]
+
+
 def _draw_map(ax: Axes, data: Map, limits: tuple[float, float]) -> Any:
     """Draw a map and return its image."""
     image = ax.pcolormesh(
-        data.x, data.y, data.values, cmap=COLOURS, vmin=limits[0], vmax=limits[1], shading="nearest", rasterized=True
+        data.x,
+        data.y,
+        data.values,
+        cmap=_SIGNED if data.diverging else COLOURS,
+        vmin=limits[0],
+        vmax=limits[1],
+        shading="nearest",
+        rasterized=True,
     )
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # lines beyond the map do not widen the axes
     return image
@@ -279,51 +351,15 @@ def _label(ax: Axes, panel: Panel, inches: float, sizes: tuple[float, float]) ->
         ax.grid(alpha=0.25, which="both")
 
 
-def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
-    """Draw a legend above all panels with each label once."""
-    entries: dict[str, Any] = {}
-    thinned = False
-    for ax in axes:
-        thinned |= _thinned(ax)
-        handles: list[Any] = [*ax.get_lines(), *ax.containers, *ax.collections]
-        for line in handles:
-            if not str(line.get_label()).startswith("_"):
-                entries.setdefault(str(line.get_label()), line)
-    if not entries:
-        return
-    figure.legend(
-        list(entries.values()),
-        list(entries),
-        loc="outside upper center",
-        ncols=_names_in_row(entries, figure.get_figwidth()),
-        frameon=False,
-        handlelength=3.4,
-        title=_THINNED if thinned else None,
-        title_fontsize=8,
-    )
+def drawn_part(panel: Panel) -> Panel:
+    """Return a panel without the series that only its CSV has."""
+    return replace(panel, series=tuple(line for line in panel.series if line.drawn))
 
 
-def _thinned(ax: Axes) -> bool:
-    """Return True if not all points of a series have a marker."""
-    lines = [line for line in ax.get_lines() if line.get_linestyle() == "None" and not line.get_path_effects()]
-    marks = [line.get_markevery() for line in lines]
-    return any(isinstance(every, tuple) and every[1] > 1 for every in marks)
-
-
-def _names(panels: Sequence[Panel]) -> set[str]:
-    """Return the labels of all series."""
-    return {line.label for panel in panels for line in panel.series}
-
-
-def _names_in_row(names: Collection[str], width: float) -> int:
-    """Return the number of labels in a row of a legend of a width in inches."""
-    widest = max(map(len, names), default=0)
-    return max(1, min(len(names), int(11.5 * width) // (widest + 7)))
-
-
-def _height(panel: Panel) -> float:
-    """Return the height of a panel, inches."""
+def _height(panel: Panel, named: bool = False) -> float:
+    """Return the height of a panel, inches, with the names of its lines beside it."""
     if panel.rows:
         return 0.7 + (0.24 + 0.06 * panel.bars) * len(panel.rows) + 0.15 * len(panel.notes)
     height = _HEIGHT["map" if panel.map is not None else "series"]
-    return (1.5 if panel.tall else 1.0) * height + 0.15 * len(panel.notes)
+    height = max((1.5 if panel.tall else 1.0) * height, 0.95 + 0.15 * lines_of_names(panel) if named else 0.0)
+    return height + 0.15 * len(panel.notes)

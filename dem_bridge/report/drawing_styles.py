@@ -59,6 +59,8 @@ _DARK, _LIGHT = "#010101", "#fefefe"
 _ON_MAP = {"bca": (_LIGHT, "none"), "adiabatic": (_LIGHT, "-.")}
 #: a front that lies on that of the map has markers at every fifth body, between which the map is seen
 _ON_FRONT = {"marker": "o", "markersize": 4.5, "markerfacecolor": "none", "markevery": (4, 5)}
+#: digits and sign of a power
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 #: bars of a row: fill and hatching
 BARS: tuple[Mapping[str, Any], ...] = ({"color": BLUE}, {"color": _INK["orange"], "hatch": "////"})
 
@@ -215,7 +217,7 @@ def _set_rows(ax: Axes, panel: Panel, xs: Sequence[NDArray[np.float64]]) -> None
         if decades > 4.0 and positive.min() < 1e-9:  # a scale of errors, from below round-off to one
             ax.set_xlim(min(1e-14, 0.3 * positive.min()), max(2.0, 3.0 * positive.max()))
         ax.xaxis.set_major_locator(LogLocator(numticks=5 if decades > 4.0 else None))
-        ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten if decades > 4.0 else lambda value, _: f"{value:g}"))
+        ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten if decades > 4.0 else _plain))
 
 
 def _set_logarithmic(ax: Axes, xs: Sequence[NDArray[np.float64]], ys: Sequence[NDArray[np.float64]]) -> None:
@@ -225,7 +227,7 @@ def _set_logarithmic(ax: Axes, xs: Sequence[NDArray[np.float64]], ys: Sequence[N
         decades = _decades(values) or 0.0
         subs = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if decades < 0.7 else (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
         axis.set_major_locator(LogLocator(subs=subs))
-        axis.set_major_formatter(FuncFormatter(power_of_ten if decades >= 3.0 else lambda value, _: f"{value:g}"))
+        axis.set_major_formatter(FuncFormatter(power_of_ten if decades >= 3.0 else _plain))
         axis.set_minor_formatter(NullFormatter())
 
 
@@ -243,17 +245,22 @@ def _set_linear(ax: Axes, xs: Sequence[NDArray[np.float64]], inches: float) -> N
         ax.set_xlim(float(xs[0][0]) - 1.0, float(xs[0][0]) + 1.0)
 
 
-def power_of_ten(value: float, _: float | None = None) -> str:
-    """Return a power of ten as text without a superscript, which would be too small on paper.
+def _plain(value: float, _: float | None = None) -> str:
+    """Return a number of an axis of few decades as text."""
+    return f"{value:g}" if 1e-4 <= value < 1e6 else power_of_ten(value)
 
-    >>> power_of_ten(1e-14), power_of_ten(0.01), power_of_ten(1000.0), power_of_ten(1e6), power_of_ten(1e12)
-    ('1e-14', '0.01', '1000', '1e6', '1e12')
+
+def power_of_ten(value: float, _: float | None = None) -> str:
+    """Return a number of a logarithmic axis as text: 0.1, 1 and 10 as they are, others as powers of ten.
+
+    >>> power_of_ten(1e-14), power_of_ten(0.1), power_of_ten(1000.0), power_of_ten(2e-6)
+    ('10⁻¹⁴', '0.1', '10³', '2×10⁻⁶')
     """
-    return (
-        f"{value:g}"
-        if 1e-3 < value < 1e5
-        else f"{value:.0e}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
-    )
+    if not value > 0.0 or 0.05 < value < 20.0:
+        return f"{value:g}"
+    front, power = f"{value:.3e}".split("e")
+    raised = str(int(power)).translate(_RAISED)
+    return f"10{raised}" if float(front) == 1.0 else f"{float(front):g}×10{raised}"
 
 
 def _decades(values: Sequence[NDArray[np.float64]]) -> float | None:

@@ -59,14 +59,17 @@ def svg_of(figure: Figure) -> str:
     """Return a figure as SVG with text as text; equal figures have equal texts."""
     from matplotlib import rc_context
 
-    from dem_bridge.report.drawing import fix_layout
+    from dem_bridge.report.drawing import fix_layout, panel_boxes
 
     text = io.StringIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "dem_bridge", "path.simplify_threshold": 0.3}):
         metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        fix_layout(figure).savefig(text, format="svg", dpi=_DPI, transparent=True, metadata=metadata)
+        boxes = panel_boxes(fix_layout(figure))
+        figure.savefig(text, format="svg", dpi=_DPI, transparent=True, metadata=metadata)
     svg = text.getvalue()
-    return _shortened(svg[svg.index("<svg") :])
+    svg = _shortened(svg[svg.index("<svg") :])
+    places = " ".join(",".join(f"{value:.0f}" for value in box) for box in boxes)
+    return svg.replace("<svg", f'<svg data-panels="{places}"', 1) if places else svg
 
 
 def alternative_text(data: FigureData) -> str:
@@ -89,17 +92,33 @@ def alternative_text(data: FigureData) -> str:
 def inline(svg: str, name: str, alt: str) -> str:
     """Return a picture as an element of a page: an image with an alternative text, in the colours of the page.
 
-    Ids within the picture begin with ``name``, so that two pictures of a page share none.
+    Ids within the picture begin with ``name``, so that two pictures of a page share none. A picture of several panels
+    is followed by these one by one, which a narrow screen shows in its place, below each other.
 
     >>> inline('<svg viewBox="0 0 1 1"><g id="a" fill="#000000"/></svg>', "b", 'x < "y"')
     '<svg role="img" aria-label="x &lt; &quot;y&quot;" viewBox="0 0 1 1"><g id="b-a" fill="var(--ink)"/></svg>'
+    >>> whole = '<svg data-panels="0,0,2,1 2,0,2,1" viewBox="0 0 4 1"><path/></svg>'
+    >>> inline(whole, "b", "x").split("</svg>")[1]
+    '<svg class="panel" aria-hidden="true" style="--w: 2" viewBox="0 0 2 1"><use href="#b-all"/>'
     """
     body = re.sub(r'\bid="', f'id="{name}-', svg.strip())
     body = re.sub(r'(href="|url\()#', rf"\1#{name}-", body)
     body = re.sub(r"#[0-9a-f]{6}\b", lambda match: _themed(match[0]), body)
     # CSS gives the picture its width: that of the figure on paper, more on a screen
     body = re.sub(r'width="([\d.]+)pt" height="[\d.]+pt"', r'style="--w: \1"', body, count=1)
-    return body.replace("<svg", f'<svg role="img" aria-label="{escape(alt)}"', 1)
+    panels = re.search(r' data-panels="([^"]*)"', body)
+    body = body.replace("<svg", f'<svg role="img" aria-label="{escape(alt)}"', 1)
+    if panels is None:
+        return body
+    body = body.replace(panels[0], ' class="whole"', 1)
+    body = re.sub(r"(<svg[^>]*>)(.*)</svg>$", rf'\1<g id="{name}-all">\2</g></svg>', body, count=1, flags=re.DOTALL)
+    return body + "".join(_panel(box.split(","), f"{name}-all") for box in panels[1].split(" "))
+
+
+def _panel(box: Sequence[str], id: str) -> str:
+    """Return a part of a picture, which shows the same elements."""
+    size = f'style="--w: {box[2]}" viewBox="{" ".join(box)}"'
+    return f'<svg class="panel" aria-hidden="true" {size}><use href="#{id}"/></svg>'
 
 
 def _themed(colour: str) -> str:

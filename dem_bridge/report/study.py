@@ -155,6 +155,8 @@ class Series:
     x: Floats
     y: Floats
     bar: Floats | None = None
+    drawn: bool = True
+    """False: it lies on another line of its panel, so that only the CSV has it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

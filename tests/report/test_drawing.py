@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.report.colours import colour_limits
-from dem_bridge.report.drawing import draw_figure
+from dem_bridge.report.drawing import draw_figure, fix_layout, panel_boxes
 from dem_bridge.report.drawing_styles import STYLES, style_of
 from dem_bridge.report.images import picture_of_data
 from dem_bridge.report.page import csv_texts
@@ -37,8 +37,8 @@ def _map(scale: float, **changes: bool) -> Map:
     return Map(label="velocity (m/s)", x=X, y=time, values=values, **changes)
 
 
-def _line(style: str, y: np.ndarray, **more: np.ndarray) -> Series:
-    return Series(label=style, style=style, x=X[: len(y)], y=y, **more)
+def _line(style: str, y: np.ndarray, bar: np.ndarray | None = None) -> Series:
+    return Series(label=style, style=style, x=X[: len(y)], y=y, bar=bar)
 
 
 def _panel(title: str, **parts: object) -> Panel:
@@ -323,3 +323,56 @@ def test_two_maps_never_share_a_file() -> None:
         "figure-9-1.csv",
         "figure-9-2.csv",
     }
+
+
+def test_names_that_would_make_a_high_legend_stand_beside_their_lines_in_the_order_of_their_ends() -> None:
+    names = [f"a long name of the code number {k} of many" for k in range(8)]
+    lines = tuple(
+        Series(label=name, style=f"nth/{k}/{k}", x=X, y=np.full(len(X), 1.0 + 0.01 * k)) for k, name in enumerate(names)
+    )
+    figure = draw_figure(_figure(_panel("(a)", series=lines), _panel("(b)", series=lines[:2])))
+    assert figure.legends == []
+    assert assert_legible(figure) > 10
+    for ax, shown in zip(figure.axes, (names, names[:2]), strict=True):
+        beside = [text for text in ax.texts if "code" in text.get_text()]
+        heights = {text.get_text().replace("\n", " "): text.get_position()[1] for text in beside}
+        assert sorted(heights, key=heights.__getitem__) == shown
+    # each has a sample of its line
+    assert len(figure.artists) == 10
+
+
+def test_two_panels_of_a_row_with_the_same_names_have_them_once_and_a_lone_panel_has_the_whole_row() -> None:
+    lines = tuple(
+        Series(label=f"a name that needs much room in a legend {k}", style=f"nth/{k}/{k}", x=X, y=X + k)
+        for k in range(9)
+    )
+    panels = [_panel(f"({letter})", series=lines) for letter in "abc"]
+    figure = draw_figure(_figure(*panels))
+    assert [len(ax.texts) for ax in figure.axes] == [0, 9, 9]
+    first, _, last = (ax.get_position().width for ax in figure.axes)
+    assert last > 1.4 * first
+
+
+def test_a_line_that_lies_on_another_is_in_the_csv_and_not_drawn() -> None:
+    seen = Series(label="seen", style="reference", x=X, y=X)
+    figure = _figure(_panel("(a)", series=(seen, replace(seen, label="same", drawn=False))))
+    assert [line.get_label() for line in draw_figure(figure).axes[0].get_lines()] == ["seen"]
+    assert "same" in csv_texts(figure)[f"{figure.id}.csv"]
+
+
+def test_signed_values_have_a_white_middle_and_others_colours_of_even_lightness() -> None:
+    for signed, middle in ((True, (0.97, 0.97, 0.97)), (False, (0.48, 0.48, 0.47))):
+        ax = draw_figure(_figure(_panel("(a)", map=_map(0.4, diverging=signed)))).axes[0]
+        assert ax.collections[0].get_cmap()(0.5)[:3] == pytest.approx(middle, abs=0.02)
+
+
+def test_each_panel_has_its_box_with_its_bar_and_names_of_rows_are_not_cut_off() -> None:
+    figure = fix_layout(draw_figure(FULL))
+    boxes = panel_boxes(figure)
+    width, height = 72.0 * figure.get_size_inches()
+    assert len(boxes) == len(figure.legends) + len(FULL.panels)
+    for left, top, wide, high in boxes:
+        assert -4.0 < left < left + wide < width + 4.0
+        assert -4.0 < top < top + high < height + 4.0
+    rows = _panel("(a)", series=(Series(label="a", style="mark-2", x=X[:2] + 1.0, y=np.arange(2.0)),), rows=("b", "c"))
+    assert panel_boxes(fix_layout(draw_figure(_figure(replace(rows, y_label=""), replace(rows, y_label=""))))) == []

@@ -473,12 +473,12 @@ def test_decades_decide_the_ticks_of_both_logarithmic_axes(ends: tuple[float, fl
         assert list(short.get_major_locator()._subs) == subs  # type: ignore[attr-defined]
         assert list(long.get_major_locator()._subs) == [1.0]  # type: ignore[attr-defined]
         # whole powers of ten from three decades on
-        assert short.get_major_formatter()(1e-5, 0) == "1e-05"
-        assert long.get_major_formatter()(1e-5, 0) == "1e-5"
+        assert short.get_major_formatter()(300.0, 0) == "300"
+        assert long.get_major_formatter()(300.0, 0) == "3×10²"
         assert short.get_minor_formatter()(3.0, 0) == ""
     exact = _ticked(_panel(_line(x=np.array([1.0, 1e3]), y=np.array([1.0, 999.0])), log=True))
-    texts = [axis.get_major_formatter()(1e-5, 0) for axis in (exact.xaxis, exact.yaxis)]
-    assert texts == ["1e-5", "1e-05"]
+    texts = [axis.get_major_formatter()(100.0, 0) for axis in (exact.xaxis, exact.yaxis)]
+    assert texts == ["10²", "100"]
 
 
 def test_an_axis_of_a_logarithmic_y_has_at_most_six_ticks_and_plain_x() -> None:
@@ -533,11 +533,11 @@ def test_names_of_rows_are_short_and_headings_bold() -> None:
 @pytest.mark.parametrize(
     ("values", "low", "high", "ticks", "text"),
     [
-        ((1e-12, 1e-7), 1e-14, 2.0, 5, "1e-5"),  # five decades
-        ((1e-12, 9e-9), None, None, None, "1e-05"),  # fewer than four
-        ((2e-9, 1.0), None, None, 5, "1e-5"),  # none is an error below 1e-9
-        ((1e-15, 2.0), 3e-16, 6.0, 5, "1e-5"),
-        ((0.9e-9, 1.0), 1e-14, 3.0, 5, "1e-5"),
+        ((1e-12, 1e-7), 1e-14, 2.0, 5, "10⁻⁵"),  # five decades
+        ((1e-12, 9e-9), None, None, None, "10⁻⁵"),  # fewer than four
+        ((2e-9, 1.0), None, None, 5, "10⁻⁵"),  # none is an error below 1e-9
+        ((1e-15, 2.0), 3e-16, 6.0, 5, "10⁻⁵"),
+        ((0.9e-9, 1.0), 1e-14, 3.0, 5, "10⁻⁵"),
     ],
 )
 def test_an_axis_of_errors_is_that_of_decades(

@@ -244,7 +244,10 @@ def test_a_paper_opens_with_its_numbers_and_details_stand_in_the_appendix(whole:
             assert (first if part in paper.abstract[:3] else text).count(f"<li>{typeset(point)}</li>") == 1, point
     # the sketch of a chain; each figure has its picture, but for the scale of errors, which is text
     assert first.count('<svg class="sketch" role="img" aria-label="A sphere') == 1
-    assert main.split('id="figures"')[1].count("<svg ") == len(paper.figures) - 1
+    pictures = main.split('id="figures"')[1]
+    assert pictures.count("<svg role=") == len(paper.figures) - 1
+    # for narrow screens: a legend and two panels of each
+    assert pictures.count('<svg class="panel" aria-hidden="true"') == 3 * (len(paper.figures) - 1)
     for sentence in paper.not_verified:
         assert main.count(_escaped(sentence)) == 1, sentence
     # whatever is long is folded, behind the main part
@@ -284,7 +287,8 @@ def test_every_picture_is_a_vector_with_an_alternative_text_and_letters_of_8_poi
 def _pictures(folder: Path) -> list[str]:
     """Return the pictures of a page, without the sketch and what it plays, whose axes are text of the page."""
     drawn = re.sub(r'<div class="frame">.*?</div>', "", _text(folder), flags=re.DOTALL)
-    return re.findall(r'<svg (?!class="sketch").*?</svg>', drawn, re.DOTALL)
+    # panels one by one show what the whole picture has
+    return re.findall(r'<svg (?!class="sketch"|class="panel").*?</svg>', drawn, re.DOTALL)
 
 
 def check_picture(picture: str) -> None:

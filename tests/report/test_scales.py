@@ -147,7 +147,7 @@ def _ticks(ax: Axes) -> tuple[list[float], list[str]]:
         ((1.0, 4.0), [1.0, 1.5, 2.0, 3.0], ["1", "1.5", "2", "3"]),
         ((1.0, 60.0), [1.0, 2.0, 5.0, 10.0, 20.0, 50.0], ["1", "2", "5", "10", "20", "50"]),
         ((1e-3, 0.5), [1e-3, 1e-2, 1e-1], ["0.001", "0.01", "0.1"]),
-        ((1e-6, 1e-2), [1e-6, 1e-5, 1e-4, 1e-3, 1e-2], ["1e-6", "1e-5", "1e-4", "1e-3", "0.01"]),
+        ((1e-6, 1e-2), [1e-6, 1e-5, 1e-4, 1e-3, 1e-2], ["10⁻⁶", "10⁻⁵", "10⁻⁴", "10⁻³", "10⁻²"]),
     ],
 )
 def test_a_logarithmic_axis_has_more_ticks_where_it_has_fewer_decades(
@@ -189,7 +189,7 @@ def test_a_linear_axis_of_whole_numbers_has_whole_ticks() -> None:
     assert _axes(_panel([3.0])).get_xlim() == (-1.0, 1.0)
     logarithmic = _axes(_panel([1e-6, 1.0], log_y=True))
     assert (logarithmic.get_xscale(), logarithmic.get_yscale()) == ("linear", "log")
-    assert logarithmic.yaxis.get_major_formatter()(1e-6, 0) == "1e-6"
+    assert logarithmic.yaxis.get_major_formatter()(1e-6, 0) == "10⁻⁶"
 
 
 def test_rows_are_named_from_the_top_on_and_errors_begin_below_round_off() -> None:
@@ -204,12 +204,12 @@ def test_rows_are_named_from_the_top_on_and_errors_begin_below_round_off() -> No
     assert [text.get_text() for text in ax.get_yticklabels()] == ["group:", "row 1", "row 2"]
     assert [text.get_fontweight() for text in ax.get_yticklabels()] == ["bold", "normal", "normal"]
     assert (ax.get_xscale(), ax.get_xlim()) == ("log", pytest.approx((1e-14, 3.0), abs=0.0))
-    assert ax.xaxis.get_major_formatter()(1e-9, 0) == "1e-9"
+    assert ax.xaxis.get_major_formatter()(1e-9, 0) == "10⁻⁹"
     assert rows(1e-15, 1e-3).get_xlim() == pytest.approx((3e-16, 2.0), abs=0.0)
     # a scale of four decades or fewer, or of larger values, is that of its values
     few = rows(1e-3, 1e-1)
     assert few.get_xlim()[0] > 1e-4
-    assert few.xaxis.get_major_formatter()(1e-5, 0) == "1e-05"
+    assert few.xaxis.get_major_formatter()(1e-5, 0) == "10⁻⁵"
     assert rows(1e-8, 1.0).get_xlim()[0] > 1e-9
     assert rows(1.0, 2.0, bars=True).get_xscale() == "linear"
 
@@ -217,12 +217,12 @@ def test_rows_are_named_from_the_top_on_and_errors_begin_below_round_off() -> No
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (1e-3, "1e-3"),
-        (1.1e-3, "0.0011"),
-        (1e5, "1e5"),
-        (99999.0, "99999"),
-        (1e-10, "1e-10"),
-        (1e12, "1e12"),
+        (1e-3, "10⁻³"),
+        (1.1e-3, "1.1×10⁻³"),
+        (1e5, "10⁵"),
+        (99990.0, "9.999×10⁴"),
+        (1e-10, "10⁻¹⁰"),
+        (1e12, "10¹²"),
         (1.0, "1"),
     ],
 )

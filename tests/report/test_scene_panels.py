@@ -126,7 +126,7 @@ def test_convergence_of_several_scenes_has_a_legend_for_each_order() -> None:
     assert [ax.get_legend() is None for ax in figure.axes] == [True, False]
     assert left.get_ylabel() == "velocity difference / largest velocity"
     assert (right.get_ylabel(), right.get_xlabel()) == ("", "time step (s)")
-    assert left.xaxis.get_major_formatter()(1e-7, 0) == "1e-7"
+    assert left.xaxis.get_major_formatter()(1e-7, 0) == "10⁻⁷"
     assert left.xaxis.get_minor_formatter()(3e-7, 0) == ""
     # of a difference without a run the step is unknown
     twins = tuple(replace(verdict, backend="lammps-granular", reference="verlet") for verdict in verdicts[:1])
@@ -177,7 +177,7 @@ def test_numbers_stand_at_the_ends_of_their_bars() -> None:
     assert [text.get_text() for text in ax.texts] == ["1.0e-03", "1.0e-25", "unknown", "0", "1.0e-09"]
     assert {text.get_fontsize() for text in ax.texts} == {8.0}
     assert ax.xaxis.get_major_locator().numticks == 5  # type: ignore[attr-defined]
-    assert ax.xaxis.get_major_formatter()(1e-9, 0) == "1e-9"
+    assert ax.xaxis.get_major_formatter()(1e-9, 0) == "10⁻⁹"
     assert ax.get_xscale() == "log"
     figure = error_budget([SceneStudy(roles=assign_roles(SIX), verdicts=(), budgets=(budget,))])
     assert figure is not None

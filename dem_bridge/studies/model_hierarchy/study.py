@@ -276,8 +276,8 @@ def question_table(requested: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]]
 def _panel(title: str, hierarchy: ModelHierarchy, items: Sequence[Tried]) -> Panel:
     """Return the sizes of effects and the accuracy, a row for each effect."""
     limit, places = 100.0 * hierarchy.accuracy, np.arange(len(items), dtype=float)
-    ends = {"x": np.array([limit, limit]), "y": np.array([-0.5, len(items) - 0.5])}
-    series = [Series(label="accuracy", style="guide", **ends)]
+    ends = np.array([-0.5, len(items) - 0.5])
+    series = [Series(label="accuracy", style="guide", x=np.array([limit, limit]), y=ends)]
     for nth, name in enumerate(hierarchy.tabulated, start=1):
         sizes = 100.0 * np.abs([item.effects[name].value if item.effects else math.nan for item in items])
         drawn = np.where(np.isfinite(sizes), np.maximum(sizes, LEAST_SHOWN * limit), np.nan)

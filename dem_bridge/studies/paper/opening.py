@@ -95,11 +95,12 @@ def abstract(
         "kinds": counted(claims) or "none was tested",
         "central": _central(claims, runs),
         "largest": _largest(effects, runs),
+        "energy": _energy(runs),
         "numbers": _listed(sensitive),
     }
     parts = TEXTS.data["parts"].values()
     return tuple(
-        Points(heading=part["heading"], points=tuple(fill(point, **values) for point in part["points"]))
+        Points(heading=part["heading"], points=tuple(filter(None, (fill(p, **values) for p in part["points"]))))
         for part in parts
     )
 
@@ -123,9 +124,7 @@ def _central(claims: Sequence[Claim], runs: Runs) -> str:
     chains = [(runs.scenes[name], runs.run(name, "bca"), runs.truth(name)) for name in MAIN]
     along = [deviation("arrival", scene, bca, truth) for scene, bca, truth in chains if bca and truth]
     ends = [(bca.crossing_time[2:38], truth.crossing_time[2:38]) for _, bca, truth in chains if bca and truth]
-    shares = {name: striker_shares(runs.scenes[name], truth) for name in MAIN if (truth := runs.truth(name))}
-    of_slow, of_fast = shares[DECELERATING], shares[ACCELERATING]
-    arrivals = _within(
+    return _within(
         "central",
         low=by(slow).value,
         high=by(fast).value,
@@ -133,7 +132,15 @@ def _central(claims: Sequence[Claim], runs: Runs) -> str:
         worst=max(float(np.max(np.abs(of_chain))) for of_chain in along),
         wide=max(float(np.max(np.abs(by_theory / exact - 1.0))) for by_theory, exact in ends),
     )
-    return f"{arrivals} {_within('energy', slow=of_slow, fast=of_fast, never=1.0 - of_slow['late'])}"
+
+
+def _energy(runs: Runs) -> str:
+    """Return which share of the striker's energy the fronts carry; empty where a chain has no run."""
+    shares = {name: striker_shares(runs.scenes[name], truth) for name in MAIN if (truth := runs.truth(name))}
+    if len(shares) < len(MAIN):
+        return ""
+    slow, fast = shares[DECELERATING], shares[ACCELERATING]
+    return _within("energy", slow=slow, fast=fast, never=1.0 - slow["late"])
 
 
 def _listed(numbers: Iterable[int]) -> str:

@@ -20,6 +20,8 @@ from dem_bridge.trajectory.trajectory import Floats, Trajectory
 #: gamma and V_out/V_in by each backend
 Ratios = Sequence[tuple[float, Mapping[str, float]]]
 
+#: least median distance of a line from that of the reference, over its height, that is seen: two widths of the line
+_SEEN = 0.02
 #: those with a velocity and a force at every time; binary collisions have steps
 IN_TIME = ("reference", "adiabatic", *ENGINE_BACKENDS, "ode45")
 EVERY = ("reference", *THEORIES, *ENGINE_BACKENDS, "ode45")
@@ -113,16 +115,19 @@ def velocity_map(
 
 def residence_times(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
     """Return the residence time along the chain by all runs."""
-    return _panel(title, "cylinder", "residence time (µs)", _along(chain, "residence_time", 1e6), shares)
+    series, note = _once(list(_along(chain, "residence_time", 1e6)))
+    return _panel(title, "cylinder", "residence time (µs)", series, shares, note)
 
 
 def wave_speeds(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
     """Return the wave speed along the chain by all runs, and the power law fitted to the reference."""
     fit = speed_power_law(chain.scene, chain.reference)
     i = np.arange(fit.first, fit.last + 1)
-    fitted = Series(label="fit V = (b1 + b2 i)^(1/n)", style="fit", x=i.astype(float), y=fit.speed(i))
+    fitted = Series(label="fit", style="fit", x=i.astype(float), y=fit.speed(i))
     note = f"fit: b1 = {fit.b1:.4g}, b2 = {fit.b2:.4g} (m/s)^{fit.exponent:g}, to {fit.residual:.2%} rms"
-    return _panel(title, "cylinder", "wave speed (m/s)", [*_along(chain, "wave_speed"), fitted], shares, note)
+    series, same = _once(list(_along(chain, "wave_speed")))
+    panel = _panel(title, "cylinder", "wave speed (m/s)", [*series, fitted], shares, note)
+    return replace(panel, notes=(*panel.notes, same) if same else panel.notes)
 
 
 def frequencies(chains: Sequence[tuple[str, ChainRuns]], *, place: int) -> list[Panel]:
@@ -167,21 +172,25 @@ def wavenumbers(chains: Sequence[tuple[str, ChainRuns]], *, place: int) -> list[
 
 def velocity_in_the_middle(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
     """Return the velocity of the middle cylinder while the impulse passes."""
-    series = _in_time(chain, "velocity", chain.middle)
-    return _panel(title, "time (ms)", "velocity (m/s)", series, shares, f"cylinder {chain.middle}")
+    series, same = _once(list(_in_time(chain, "velocity", chain.middle)))
+    note = "; ".join(filter(None, [f"cylinder {chain.middle}", same]))
+    return _panel(title, "time (ms)", "velocity (m/s)", series, shares, note)
 
 
 def force_in_the_middle(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
     """Return the force on the middle cylinder by the one before it, while the impulse passes."""
     contact = chain.middle - 1
     note = f"between cylinders {contact} and {contact + 1}"
-    return _panel(title, "time (ms)", "contact force (N)", _in_time(chain, "contact_force", contact), shares, note)
+    series, same = _once(list(_in_time(chain, "contact_force", contact)))
+    note = "; ".join(filter(None, [note, same]))
+    return _panel(title, "time (ms)", "contact force (N)", series, shares, note)
 
 
 def peak_forces(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
     """Return the largest force of each contact by all runs."""
     label = "contact k, between cylinders k and k+1"
-    return _panel(title, label, "largest contact force (N)", _along(chain, "peak_force"), shares)
+    series, note = _once(list(_along(chain, "peak_force")))
+    return _panel(title, label, "largest contact force (N)", series, shares, note)
 
 
 def force_against_stiffness(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Panel:
@@ -193,12 +202,13 @@ def force_against_stiffness(title: str, chain: ChainRuns, *, shares: tuple[int, 
     # a line of least squares goes through the mean of its points
     away = x / np.exp(np.mean(np.log(stiffness[fitted])))
     height = np.exp(np.mean(np.log(chain.reference.peak_force[fitted])))
+    found, same = _once([_series(name, 1e-9 * stiffness, run.peak_force) for name, run in chain.named(*EVERY)])
     return Panel(
         title=title,
         x_label="contact stiffness (GN/m^1.5)",
         y_label="largest contact force (N)",
         series=(
-            *(_series(name, 1e-9 * stiffness, run.peak_force) for name, run in chain.named(*EVERY)),
+            *found,
             Series(label="fit", style="fit", x=1e-9 * x, y=height * away**fit.slope),
             Series(label="slope 2/5", style="guide", x=1e-9 * x, y=GUIDE * height * away**0.4),
         ),
@@ -206,6 +216,7 @@ def force_against_stiffness(title: str, chain: ChainRuns, *, shares: tuple[int, 
         notes=(
             f"exponent {fit.slope:.4f} for contacts {fit.first}-{fit.last};"
             f" others {fit.spread[0]:.4f}-{fit.spread[1]:.4f}",
+            *([same] if same else []),
         ),
         shares_scale_with=shares,
     )
@@ -286,6 +297,23 @@ def _along(chain: ChainRuns, name: str, factor: float = 1.0) -> Iterator[Series]
         yield _series(
             backend, np.arange(float(places.start or 0), (places.start or 0) + len(value)), value, uncertainty
         )
+
+
+def _once(series: list[Series]) -> tuple[list[Series], str]:
+    """Return the lines, those on the line of the reference marked as not drawn, and a note that names these."""
+    reference = next((line for line in series if line.style == "reference"), None)
+    if reference is None:
+        return series, ""
+    height = float(np.nanmax(np.abs(reference.y)))
+    same = [
+        line.label
+        for line in series
+        if line is not reference
+        and len(line.y) == len(reference.y)
+        and float(np.nanmedian(np.abs(line.y - reference.y))) < _SEEN * height
+    ]
+    shown = [replace(line, drawn=line.label not in same) for line in series]
+    return shown, f"within {_SEEN:.0%} of the height of this line: {', '.join(same)}" if same else ""
 
 
 def _in_time(chain: ChainRuns, name: str, place: int) -> Iterator[Series]:
