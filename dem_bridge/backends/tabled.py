@@ -7,8 +7,8 @@ themselves is the error of the tables, apart from that of the time step.
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -28,26 +28,26 @@ from dem_bridge.lmp.table import LINES, Style
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule, schedule
 
-#: prescans that a store has kept, by the content hash of their scene
-RECALLED: dict[str, Prescan] = {}
+#: prescans of contacts without laws of their own, by the content hash of their scene: the latest of this process
+PRESCANS: dict[str, Prescan] = {}
+_MOST_PRESCANS = 256
 #: fraction of 1/omega that is the step of a coarse run
 _STEP = 0.1
 _LOCK = threading.Lock()
 
 
-def prescan_scene(scene: Scene) -> Prescan:
+def prescan_scene(scene: Scene, load: Callable[[Callable[[], Prescan]], Prescan] | None = None) -> Prescan:
     """:func:`~dem_bridge.backends.prescan.prescan_hertz` of a scene whose contacts may have laws of their own.
 
     There the coarse run is one of the twin. It steps by the stiffest contact that the energy at hand could make;
-    the frequency is that of the overlaps it finds.
+    the frequency is that of the overlaps it finds. ``load`` returns a prescan that is kept elsewhere, or what its
+    argument makes; it is not asked for contacts with laws, nor for a prescan that this process has had.
     """
-    if scene.law is None and scene.content_hash in RECALLED:
-        return RECALLED[scene.content_hash]
     c = scene.contacts
-    top = _frequency(scene, c.reach[c.law]) if scene.law is not None else 0.0
-    if top == 0.0:
-        with _LOCK:
-            return _hertz(scene)
+    if scene.law is None:
+        return _prescan_hertz(scene, load)
+    if (top := _frequency(scene, c.reach[c.law])) == 0.0:
+        return prescan_hertz(scene)
     plan = schedule(duration=scene.duration, samples=1, dt=_STEP / top, frequency=top, bodies=scene.n_body)
     _, dense = solve_dense(scene, plan, 0.0)
     peak = np.max(dense.overlap, axis=0, initial=0.0)
@@ -61,10 +61,15 @@ def prescan_scene(scene: Scene) -> Prescan:
     )
 
 
-@lru_cache(maxsize=8)
-def _hertz(scene: Scene) -> Prescan:
-    """:func:`~dem_bridge.backends.prescan.prescan_hertz`, which the run and its twins need at the same time."""
-    return prescan_hertz(scene)
+def _prescan_hertz(scene: Scene, load: Callable[[Callable[[], Prescan]], Prescan] | None) -> Prescan:
+    """Return the prescan of power laws, which a run and its twins need at the same time, made once."""
+    with _LOCK:
+        if scene.content_hash not in PRESCANS:
+            make = partial(prescan_hertz, scene)
+            PRESCANS[scene.content_hash] = make() if load is None else load(make)
+            while len(PRESCANS) > _MOST_PRESCANS:
+                del PRESCANS[next(iter(PRESCANS))]
+        return PRESCANS[scene.content_hash]
 
 
 def _frequency(scene: Scene, deepest: NDArray[np.float64]) -> float:

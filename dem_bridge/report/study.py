@@ -247,6 +247,12 @@ class FigureData:
         return _csv(("panel", "series", "x", "y", "value", "bar"), rows)
 
 
+#: all classes of the parts of a study that are read off runs, for a store that keeps them
+PARTS = (
+    Claim, ClaimValue, FigureData, Headline, Map, Margin, Outcome, Panel, Points, Series, Table, Verdict,
+)  # fmt: skip
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Study:
     """Answer to one question by many runs: sentences, tables, figures and verdicts."""

@@ -1,12 +1,12 @@
 """Keep values that are read from stored runs in the store, under the keys of these runs.
 
-Verdicts, claims, tables, figures and images are plain data: dataclasses of this package, tuples, lists, mappings,
-numbers, texts, bytes and arrays. An entry holds them as JSON and arrays, and no code is run to read it.
+Verdicts, claims, tables, figures and images are plain data: dataclasses and enumerations that the caller declares,
+tuples, lists, mappings, numbers, texts, bytes and arrays. An entry holds them as JSON and arrays; nothing is imported
+to read it, and no other class is made.
 """
 
 from __future__ import annotations
 
-import importlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
@@ -16,7 +16,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.tabled import RECALLED, prescan_scene
+from dem_bridge.backends.prescan import Prescan
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.keys import study_key
 from dem_bridge.runs.store import Store
@@ -32,6 +33,7 @@ def recall(
     keys: Sequence[str | None],
     compute: Callable[[], Value],
     *,
+    kinds: Sequence[type] = (),
     scenes: Sequence[Scene] = (),
     **settings: object,
 ) -> Value:
@@ -47,6 +49,8 @@ def recall(
         Keys of all runs that are read; with None among them the value is always computed.
     compute : callable
         Computes the value, which must be plain data.
+    kinds : sequence of type
+        All dataclasses and enumerations that the value and its parts may be.
     scenes : sequence of Scene
         Scenes that are read, with their names, descriptions and geometry.
     **settings
@@ -57,7 +61,7 @@ def recall(
     Raises
     ------
     TypeError
-        If the value is not plain data.
+        If the value is not plain data, or of other kinds.
     """
     functions = [part for item in OBSERVABLES.values() for part in (item.value, item.uncertainty, item.measure) if part]
     foreign = any(not part.__module__.startswith(_PACKAGE) for part in functions)
@@ -68,16 +72,17 @@ def recall(
     key = study_key(question, scenes, keys=list(keys), shown=shown, observables=registered, settings=settings)
     if key is None:
         return compute()
+    declared = {_name(kind): kind for kind in kinds}
     entry = store.load_arrays(key)
     if entry is not None:
         try:
-            value: Value = _decoded(json.loads(entry["json"].tobytes()), entry)
+            value: Value = _decoded(json.loads(entry["json"].tobytes()), entry, declared)
             return value
-        except (AttributeError, ImportError, KeyError, TypeError, ValueError):
+        except (AttributeError, KeyError, TypeError, ValueError):
             pass  # the entry was not written by this function: the value is computed and the entry replaced
     value = compute()
     arrays: dict[str, NDArray[Any]] = {}
-    text = json.dumps(_encoded(value, arrays))
+    text = json.dumps(_encoded(value, arrays, declared))
     store.save_arrays(key, {"json": np.frombuffer(text.encode(), dtype=np.uint8), **arrays})
     return value
 
@@ -87,12 +92,14 @@ def recall_prescan(store: Store | None, scene: Scene) -> None:
 
     A prescan takes milliseconds, but the compiler that it needs takes half a second to load.
     """
-    if store is not None and scene.law is None and scene.content_hash not in RECALLED:
-        RECALLED[scene.content_hash] = recall(store, "prescan", [], lambda: prescan_scene(scene), scenes=[scene])
+    if store is not None and scene.law is None:
+        prescan_scene(scene, lambda make: recall(store, "prescan", [], make, kinds=[Prescan], scenes=[scene]))
 
 
-def _encoded(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
+def _encoded(value: Any, arrays: dict[str, NDArray[Any]], declared: Mapping[str, type]) -> Any:
     """Return a value as JSON with its arrays in ``arrays``; TypeError for anything but plain data."""
+    if (isinstance(value, Enum) or is_dataclass(value)) and _name(type(value)) not in declared:
+        raise TypeError(f"{value!r} is not plain data of a declared class, and cannot be kept in the store")
     if isinstance(value, Enum):
         return {"enum": _name(type(value)), "value": value.value}
     if value is None or isinstance(value, bool | str):
@@ -102,31 +109,35 @@ def _encoded(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
     if isinstance(value, int | float):
         return value
     if isinstance(value, list):
-        return [_encoded(item, arrays) for item in value]
+        return [_encoded(item, arrays, declared) for item in value]
     if isinstance(value, tuple):
-        return {"tuple": [_encoded(item, arrays) for item in value]}
+        return {"tuple": [_encoded(item, arrays, declared) for item in value]}
     if isinstance(value, Mapping):
-        return {"mapping": [[_encoded(key, arrays), _encoded(item, arrays)] for key, item in value.items()]}
+        return {
+            "mapping": [
+                [_encoded(key, arrays, declared), _encoded(item, arrays, declared)] for key, item in value.items()
+            ]
+        }
     if isinstance(value, bytes | np.ndarray):
         name = f"array {len(arrays)}"
         arrays[name] = np.frombuffer(value, dtype=np.uint8) if isinstance(value, bytes) else value
         return {"bytes" if isinstance(value, bytes) else "array": name}
-    if is_dataclass(value) and not isinstance(value, type) and type(value).__module__.startswith(_PACKAGE):
-        parts = {field.name: _encoded(getattr(value, field.name), arrays) for field in fields(value)}
+    if is_dataclass(value):
+        parts = {field.name: _encoded(getattr(value, field.name), arrays, declared) for field in fields(value)}
         return {"dataclass": _name(type(value)), "fields": parts}
     raise TypeError(f"{value!r} is not plain data, and cannot be kept in the store")
 
 
-def _decoded(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
-    """Return what :func:`_encoded` encoded."""
+def _decoded(value: Any, arrays: Mapping[str, NDArray[Any]], declared: Mapping[str, Any]) -> Any:
+    """Return what :func:`_encoded` encoded; KeyError for a class that is not declared."""
     if isinstance(value, list):
-        return [_decoded(item, arrays) for item in value]
+        return [_decoded(item, arrays, declared) for item in value]
     if not isinstance(value, dict):
         return value
     if "tuple" in value:
-        return tuple(_decoded(item, arrays) for item in value["tuple"])
+        return tuple(_decoded(item, arrays, declared) for item in value["tuple"])
     if "mapping" in value:
-        return {_decoded(key, arrays): _decoded(item, arrays) for key, item in value["mapping"]}
+        return {_decoded(key, arrays, declared): _decoded(item, arrays, declared) for key, item in value["mapping"]}
     if "array" in value:
         return arrays[value["array"]]
     if "bytes" in value:
@@ -134,20 +145,11 @@ def _decoded(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
     if "numpy" in value:
         return np.dtype(value["numpy"]).type(value["value"])
     if "enum" in value:
-        return _class(value["enum"])(value["value"])
-    parts = {name: _decoded(item, arrays) for name, item in value["fields"].items()}
-    return _class(value["dataclass"])(**parts)
+        return declared[value["enum"]](value["value"])
+    parts = {name: _decoded(item, arrays, declared) for name, item in value["fields"].items()}
+    return declared[value["dataclass"]](**parts)
 
 
 def _name(cls: type) -> str:
     """Return the module and name of a class."""
     return f"{cls.__module__}:{cls.__qualname__}"
-
-
-def _class(name: str) -> Any:
-    """Return a dataclass or enumeration of this package by its module and name; ValueError for anything else."""
-    module, _, attribute = name.partition(":")
-    cls = getattr(importlib.import_module(module), attribute) if module.startswith(_PACKAGE) else None
-    if not (isinstance(cls, type) and (is_dataclass(cls) or issubclass(cls, Enum))):
-        raise ValueError(f"{name} is no dataclass or enumeration of dem_bridge")
-    return cls

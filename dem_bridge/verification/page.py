@@ -19,7 +19,7 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.banner import banner_of
 from dem_bridge.verification.chains import chains_of, error_scale
 from dem_bridge.verification.figures import spacetime_maps
-from dem_bridge.verification.independence import ANSWERS_THROUGH, matrix
+from dem_bridge.verification.independence import ANSWERS_THROUGH, Shared, matrix
 from dem_bridge.verification.pictures import picture_of_runs
 from dem_bridge.verification.roles import BLANES_MOAN, POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
 from dem_bridge.verification.scope import scope
@@ -80,7 +80,7 @@ def _shown(study: Verification, store: Store | None) -> dict[str, Any]:
         "with_theory": lambda pair: any(chain.run(THEORY) is not None for chain in pair),
         "names": NAMES,
         "backends": tuple(BACKENDS),
-        "shares": recall(store, "shared modules", [], matrix),
+        "shares": recall(store, "shared modules", [], matrix, kinds=[Shared]),
         "answers_through": ANSWERS_THROUGH,
     }
 

@@ -16,7 +16,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.accuracy import checked_accuracy
-from dem_bridge.observables.verdict import Outcome
+from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import check_setting
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign import Jobs, Progress, Result, run_groups
@@ -27,6 +27,7 @@ from dem_bridge.runs.uncertainty.step_choice import step_for_accuracy
 from dem_bridge.scene.scene import Scene
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene
+from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.defects import named_failures
 from dem_bridge.verification.roles import REFERENCE, Roles, Runs, assign_roles, list_cases
 from dem_bridge.verification.verification import TEXTS, Verification, verification_of
@@ -96,7 +97,8 @@ class ScenePlan:
             return {name: getattr(study, name) for name in ("verdicts", "refinement", "budgets", "observables")}
 
         keys = [result.key for result in filled]
-        judged = recall(store, "assessment", keys, judge, scenes=[self.roles.scene], accuracy=self.accuracy)
+        how: dict[str, Any] = {"kinds": (Budget, Outcome, Verdict), "scenes": [self.roles.scene]}
+        judged = recall(store, "assessment", keys, judge, accuracy=self.accuracy, **how)
         study = SceneStudy(roles=self.roles, runs=filled, others=tuple(results[count:]), **judged)
         verdicts = named_failures(study.scene.name, study.engine, study.run(study.engine), study.verdicts)
         return replace(study, verdicts=tuple(verdicts))

@@ -20,10 +20,12 @@ from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.observables import registry
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.study import PARTS
 from dem_bridge.runs import keys
-from dem_bridge.runs.recall import _class, recall, recall_prescan
+from dem_bridge.runs.recall import recall, recall_prescan
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Scene
+from dem_bridge.verification.verification import Verification
 from tests.helpers.fake_paper import fake_paper
 
 VERDICT = Verdict(
@@ -43,6 +45,10 @@ VALUE = {
 }
 
 
+#: the classes in it
+KINDS = (*PARTS, Verification)
+
+
 def _exact(value: object) -> str:
     """Return a value as text, with all digits of all numbers of its arrays."""
     with np.printoptions(floatmode="unique", threshold=sys.maxsize):
@@ -51,7 +57,7 @@ def _exact(value: object) -> str:
 
 def test_all_plain_data_comes_back_to_the_last_digit(tmp_path: Path) -> None:
     compute = Mock(return_value=VALUE)
-    first, second = (recall(Store(tmp_path), "value", ["key"], compute) for _ in range(2))
+    first, second = (recall(Store(tmp_path), "value", ["key"], compute, kinds=KINDS) for _ in range(2))
     compute.assert_called_once()
     assert first is VALUE
     for name, value in VALUE.items():
@@ -99,17 +105,28 @@ def test_what_is_not_plain_data_is_refused_and_not_kept(tmp_path: Path, value: o
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["subprocess:Popen", "dem_bridge.runs.store:Store", "dem_bridge.runs.recall:recall"])
-def test_an_entry_makes_no_class_but_plain_data_of_this_package(tmp_path: Path, name: str) -> None:
-    store = Store(tmp_path)
-    assert recall(store, "value", ["key"], lambda: 1.0) == 1.0
+@pytest.mark.parametrize(
+    "name", ["subprocess:Popen", "dem_bridge.runs.store:Store", "dem_bridge.observables.verdict:Verdict"]
+)
+def test_an_entry_makes_no_class_but_those_that_are_declared(tmp_path: Path, name: str) -> None:
+    store, wanted = Store(tmp_path), [Outcome]
+    assert recall(store, "value", ["key"], lambda: 1.0, kinds=wanted) == 1.0
     [entry] = tmp_path.iterdir()
-    text = json.dumps({"dataclass": name, "fields": {}}).encode()
+    fields = {"scene": "", "quantity": "", "backend": "", "reference": "", "outcome": "", "sentence": ""}
+    text = json.dumps({"dataclass": name, "fields": fields}).encode()
     store.save_arrays(entry.stem, {"json": np.frombuffer(text, dtype=np.uint8)})
-    with pytest.raises(ValueError, match=f"{name} is no dataclass or enumeration of dem_bridge"):
-        _class(name)
-    assert recall(store, "value", ["key"], lambda: 2.0) == 2.0
-    assert recall(store, "value", ["key"], lambda: 3.0) == 2.0
+    assert recall(store, "value", ["key"], lambda: 2.0, kinds=wanted) == 2.0
+    assert recall(store, "value", ["key"], lambda: 3.0, kinds=wanted) == 2.0
+    # the fault: with the class declared the entry makes it
+    store.save_arrays(entry.stem, {"json": np.frombuffer(text, dtype=np.uint8)})
+    made = recall(store, "value", ["key"], lambda: None, kinds=[Verdict])
+    assert isinstance(made, Verdict) is name.endswith("Verdict")
+
+
+@pytest.mark.parametrize("value", [VERDICT, Outcome.PASS], ids=["dataclass", "enumeration"])
+def test_a_value_of_a_class_that_is_not_declared_is_refused(tmp_path: Path, value: object) -> None:
+    with pytest.raises(TypeError, match="is not plain data"):
+        recall(Store(tmp_path), "value", ["key"], lambda: value)
 
 
 def test_changed_code_is_another_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,12 +165,11 @@ def test_another_registered_observable_is_another_value(tmp_path: Path, monkeypa
 
 
 def test_a_prescan_is_made_once_for_all_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recalled: dict[str, Prescan] = {}
-    monkeypatch.setattr(tabled, "RECALLED", recalled)
-    monkeypatch.setattr("dem_bridge.runs.recall.RECALLED", recalled)
-    made = prescan_scene(SCENE)
+    prescans: dict[str, Prescan] = {}
+    monkeypatch.setattr(tabled, "PRESCANS", prescans)
     recall_prescan(Store(tmp_path), SCENE)
-    recalled.clear()  # another process
+    made = prescan_scene(SCENE)
+    prescans.clear()  # another process
     monkeypatch.setattr(tabled, "prescan_hertz", Mock(side_effect=AssertionError("made again")))
     recall_prescan(Store(tmp_path), SCENE)
     assert _exact(prescan_scene(replace(SCENE, name="other"))) == _exact(made)

@@ -13,7 +13,7 @@ from dem_bridge.backends.base import BACKENDS
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.accuracy import checked_accuracy
 from dem_bridge.observables.differences import difference
-from dem_bridge.report.study import Claim, FigureData, Margin, Table
+from dem_bridge.report.study import PARTS, Claim, FigureData, Margin, Table
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign import Jobs, Progress, Result, map_in_threads, run_groups
 from dem_bridge.runs.case import Case
@@ -134,6 +134,7 @@ def verify_paper(
         "paper",
         [result.key for result in results],
         read,
+        kinds=PARTS,
         scenes=[result.case.scene for result in results],
         accuracy=accuracy,
         extent=asdict(extent),
