@@ -45,7 +45,13 @@ def prescan_scene(scene: Scene, load: Callable[[Callable[[], Prescan]], Prescan]
     """
     c = scene.contacts
     if scene.law is None:
-        return _prescan_hertz(scene, load)
+        with _LOCK:  # a run and its twins need it at the same time
+            if scene.content_hash not in PRESCANS:
+                make = partial(prescan_hertz, scene)
+                PRESCANS[scene.content_hash] = make() if load is None else load(make)
+                while len(PRESCANS) > _MOST_PRESCANS:
+                    del PRESCANS[next(iter(PRESCANS))]
+            return PRESCANS[scene.content_hash]
     if (top := _frequency(scene, c.reach[c.law])) == 0.0:
         return prescan_hertz(scene)
     plan = schedule(duration=scene.duration, samples=1, dt=_STEP / top, frequency=top, bodies=scene.n_body)
@@ -59,17 +65,6 @@ def prescan_scene(scene: Scene, load: Callable[[Callable[[], Prescan]], Prescan]
         highest=float(np.max(dense.displacement)),
         steps=plan.steps,
     )
-
-
-def _prescan_hertz(scene: Scene, load: Callable[[Callable[[], Prescan]], Prescan] | None) -> Prescan:
-    """Return the prescan of power laws, which a run and its twins need at the same time, made once."""
-    with _LOCK:
-        if scene.content_hash not in PRESCANS:
-            make = partial(prescan_hertz, scene)
-            PRESCANS[scene.content_hash] = make() if load is None else load(make)
-            while len(PRESCANS) > _MOST_PRESCANS:
-                del PRESCANS[next(iter(PRESCANS))]
-        return PRESCANS[scene.content_hash]
 
 
 def _frequency(scene: Scene, deepest: NDArray[np.float64]) -> float:

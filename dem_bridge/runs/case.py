@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from dem_bridge.backends.base import Backend, Resolution, Sampling, backend
 from dem_bridge.backends.reference import SERIES
@@ -56,7 +57,7 @@ class Case:
             self.scene, self.backend, self.resolution, self.sampling, self.engine, uncertainty=self.uncertainty
         )
 
-    @property
+    @cached_property
     def expected(self) -> float:
         """Rough estimate of the time, s, by which runs are ordered and the remaining time is shown."""
         scene, dt, code = self.scene, self.resolution.dt, self.backend
