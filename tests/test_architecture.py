@@ -53,7 +53,8 @@ LATER = {
     ("dem_bridge.trajectory.trajectory", "dem_bridge.trajectory.shown"): "a run is a table and a figure",
     ("dem_bridge.report.study", "dem_bridge.report.page"): "a study is saved as a page",
     ("dem_bridge.verification.verification", "dem_bridge.verification.page"): "... and so is a verification",
-    ("dem_bridge.judging.judgement", "dem_bridge.judging.shown"): "a judgement has a page and sentences",
+    ("dem_bridge.judging.judgement", "dem_bridge.judging.shown"): "a judgement has a page",
+    ("dem_bridge.judging.judgement", "dem_bridge.judging.sentences"): "... and prints as sentences",
     ("dem_bridge.judging.check.answer", "dem_bridge.judging.check.shown"): "... and so has the answer of a check",
 }
 

@@ -76,8 +76,9 @@ def judge(
     Returns
     -------
     Judgement
-        A mapping with outcome, error, first_divergence, order, floor, cause, alternatives, where, evidence and
-        recognised, which are attributes, too. Errors, scales and uncertainties are in SI units.
+        A mapping with outcome, error, first_divergence, order, floor, cause, alternatives, where, evidence,
+        recognised, step, alternative_causes, faults and needed, which are attributes, too. Errors, scales and
+        uncertainties are in SI units.
 
     Raises
     ------

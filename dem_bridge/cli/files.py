@@ -139,6 +139,7 @@ def export(
 def judge(
     files: tuple[str, ...],
     scene: str | None = None,
+    every: bool = False,
     as_json: bool = False,
     folder: Path | None = None,
     **settings: Any,
@@ -161,6 +162,8 @@ def judge(
         settings["dt"] = steps[0]
     if "variables" in settings:
         settings["variables"] = dict(settings["variables"])
+    from dem_bridge.judging.sentences import NAMES, notes_of, text_of  # for --help, numpy is not imported
+
     with terminal.bar(label=f"the reference solution of {scene}, and fits to {', '.join(files) or 'the runs'}"):
         judgement = dem_bridge.judge(list(files), scene, **settings)
     if folder is not None:
@@ -168,9 +171,9 @@ def judge(
     if as_json:
         print_json(judgement.as_json())
     else:
-        for sentence in judgement.recognised:
-            click.echo(f"dem-bridge: note: {sentence}", err=True)
-        click.echo(str(judgement))
+        click.echo(text_of(judgement, every=every))
         if folder is not None:
-            click.echo(f"{'written':13} {folder / 'index.html'}")
+            click.echo(f"{'written':{NAMES}}{folder / 'index.html'}")
+        for sentence in notes_of(judgement):
+            click.echo(f"dem-bridge: note: {sentence}", err=True)
     sys.exit(judgement.exit_code)

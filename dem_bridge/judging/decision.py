@@ -63,7 +63,10 @@ class Decision:
     # ------------------------------------------------------------------ fits
     def decide(self, hypothesis: Hypothesis, p: Floats, rival: Fit | None = None) -> Fit:
         """Return the best fit of a hypothesis from parameters ``p``; ``rival`` is the best of other hypotheses."""
-        if hypothesis.make(p).method is not None:
+        variant = hypothesis.make(p)
+        if variant.method is not None:
+            if hypothesis.keeps_step and hypothesis.size and variant.dt is not None:
+                return self._improved(hypothesis, p, Stepping(variant.method, variant.dt))
             return self._rounded(hypothesis, p)
         best = self._evaluated(hypothesis, p)
         dt, end = self.data.dt, float(self.data.time[-1])
@@ -255,10 +258,10 @@ class Decision:
         rms = float(np.sqrt(np.mean(residual**2)))
         if derivative is not None and len(p):
             norm = np.sqrt(np.maximum(np.sum(derivative**2, axis=0), 1e-300))
-            if len(p) == 2:  # each is uncertain by what the other may take
-                likeness = float(np.sum(derivative[:, 0] * derivative[:, 1])) / float(np.prod(norm))
-                norm = norm * math.sqrt(max(1.0 - likeness**2, 1e-16))
-            deviation = max(rms, 1.0) / norm
+            columns = derivative / norm
+            alike = np.array([[np.sum(a * b) for b in columns.T] for a in columns.T])
+            # each is uncertain by what the others may take
+            deviation = max(rms, 1.0) / norm * np.sqrt(np.diag(np.linalg.inv(alike + 1e-13 * np.eye(len(p)))))
         factors = hypothesis.make(p).factors
         scaled = np.concatenate([(b.sigma / (b.scale * abs(factors[b.quantity]))).ravel() for b in self.data.blocks])
         sizes = np.abs(residual) * scaled

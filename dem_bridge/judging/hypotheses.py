@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,11 +57,16 @@ class Hypothesis:
     value: Callable[[float], float] = float
     family: str = ""
     nameable: bool = True
-    bounds: tuple[float, float] = (-math.inf, math.inf)
+    bounds: tuple[Any, Any] = (-math.inf, math.inf)
+    """Least and largest parameters: a number for all of them, or one each."""
     probe: float | None = 1e-3
     """First parameter at which the motion is compared with the scene's; None: only the starts are tried."""
     logarithmic: bool = False
     """The scene itself is at the parameter minus infinity."""
+    together: tuple[str, ...] = ()
+    """Causes that are in it at once."""
+    keeps_step: bool = False
+    """Parameters are none of a method that the variants require: the step of the file is known."""
     reach: float = 1.5
     """Largest first guess by linear extrapolation."""
     least: float = 0.0
@@ -109,6 +114,22 @@ class Changes:
         """Return the change of the stiffness of one contact of the line by the factor exp(parameter)."""
         size = self.scene.n_body + 1
         return lambda p: Variant(self.with_factors(stiffness=_single(size, place, _factor(p[0]))))
+
+    def one_gap(self, place: int, unit: float) -> Callable[[Floats], Variant]:
+        """Return the change of the gap of one contact of the line by the parameter times ``unit`` (m)."""
+        base, where = self.base, np.eye(self.scene.n_body + 1)[place]
+        return lambda p: Variant(base.changed(gap=base.gap + p[0] * unit * where))
+
+    def one_position(self, body: int, unit: float) -> Callable[[Floats], Variant]:
+        """Return the change of the place of one body at the start by the parameter times ``unit`` (m)."""
+        base, where = self.base, np.eye(self.scene.n_body)[body]
+
+        def make(p: Floats) -> Variant:
+            moved = p[0] * unit * where
+            places = np.concatenate([[0.0], moved, [0.0]])
+            return Variant(base.changed(gap=base.gap + np.diff(places)), offset=tuple(moved.tolist()))
+
+        return make
 
     def bent(self, change: float, factor: float | None = None) -> System:
         """Return the system with other exponents n, on which the powers of damping forces depend, too.
@@ -234,6 +255,19 @@ def global_hypotheses(scene: Scene, model: Model) -> Iterator[Hypothesis]:
         "Every body is dragged.",
         ((0.0,), (0.1,)),
         nameable=False,
+    )
+
+
+def common_factor(scene: Scene, model: Model) -> Hypothesis:
+    """Return one factor on all masses and stiffnesses, which changes contact forces and mostly nothing else."""
+    change = Changes(scene, model)
+    return Hypothesis(
+        "stiffness-scale",
+        lambda p: Variant(change.with_factors(mass=_factor(p[0]), stiffness=_factor(p[0]))),
+        "All masses and all stiffnesses are {0:.6g} +- {1:.2g} of the scene's.",
+        LOG_STARTS,
+        value=_factor,
+        together=("stiffness-scale", "mass"),
     )
 
 

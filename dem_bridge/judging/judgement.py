@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -13,10 +14,15 @@ import numpy as np
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import Record
 from dem_bridge.foundation.numbers import check_number
-from dem_bridge.judging.cause import Diagnosis, diagnose
+from dem_bridge.judging.admission import check_steps, in_unit, units_of_time, usable
+from dem_bridge.judging.cause import diagnose
+from dem_bridge.judging.diagnosis import Diagnosis, Fault
 from dem_bridge.judging.error import FileErrors, QuantityErrors, file_errors
+from dem_bridge.judging.kernels import VERLET
+from dem_bridge.judging.naming import alternative
 from dem_bridge.judging.order import Convergence, convergence
 from dem_bridge.judging.reference import UNITS
+from dem_bridge.judging.step import ACCURACIES, StepError, accuracy_key, predict_step_error
 from dem_bridge.observables.verdict import Outcome, exit_code, judge, plain
 from dem_bridge.scene.scene import Scene
 
@@ -27,15 +33,10 @@ if TYPE_CHECKING:
 KEYS = (
     *("outcome", "error", "first_divergence", "order", "floor"),
     *("cause", "alternatives", "where", "evidence", "recognised"),
+    *("step", "alternative_causes", "faults", "needed"),
 )
-#: multiple of the scene's duration beyond which a scene that stays together (walls, load, drive) is not continued
-LONGEST = 20.0
 #: what reference or digits leave open, relative to the largest value, above which no file is called right
 DETERMINED = 0.01
-#: largest value of a run that has not failed, in SI units
-LARGEST = 1e100
-#: most values of a quantity of a file that are judged; of larger files every second, third ... sample is taken
-MOST_VALUES = 2_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,6 +50,8 @@ class Addition:
     notes: tuple[str, ...] = ()
 
 
+#: what files without contact forces cannot show
+COMMON_FACTOR = "One factor on all masses and stiffnesses changes no velocity; contact forces would show it."
 #: the diagnosis of files without an error that can be seen
 EXPLAINED = Diagnosis(cause="none", evidence="Digits and reference explain all values.")
 
@@ -71,6 +74,8 @@ class Judgement(Mapping[str, Any]):
     """Permissible error relative to the scale of each quantity; None: the cause decides the outcome."""
     assumed: tuple[str, ...] = ()
     """Sentences on what was assumed in judging, beside those of the readers."""
+    step_curve: StepError | None = None
+    """Errors by the time step; None if the method has none, or if nothing is known of it."""
     addition: Addition = Addition()
     """Work-precision of a foreign code, or the limits of a deck."""
     time_unit: float = 1.0
@@ -158,8 +163,43 @@ class Judgement(Mapping[str, Any]):
 
     @property
     def alternatives(self) -> list[str]:
-        """Causes that the data cannot tell from the cause."""
+        """What the data cannot tell from the cause, in sentences with numbers."""
+        return list(self.diagnosis.sentences or (f"or: {name}" for name in self.diagnosis.alternatives))
+
+    @property
+    def alternative_causes(self) -> list[str]:
+        """Names of the causes that the data cannot tell from the cause."""
         return list(self.diagnosis.alternatives)
+
+    @property
+    def faults(self) -> list[dict[str, str]]:
+        """Cause, place and sentence of each fault, the larger one first; empty where no cause is named."""
+        if self.cause in ("none", "unknown"):
+            return []
+        single = (Fault(self.cause, self.where, self.evidence),)
+        return [asdict(fault) for fault in self.diagnosis.faults or single]
+
+    @property
+    def needed(self) -> str:
+        """Which files would tell the cause from its alternatives, or show what these cannot; else empty."""
+        common = self.cause == "none" and _has_common_factor(self.scene)
+        unseen = common and not any("contact_force" in file.quantities for file in self.files)
+        return COMMON_FACTOR if unseen else self.diagnosis.needed
+
+    @property
+    def step(self) -> dict[str, Any]:
+        """Time step, s, its error, and the largest steps for errors of 1e-2, 1e-3, 1e-4 and the tolerance.
+
+        Errors are relative to the largest value of the first quantity; None: unknown.
+        """
+        accuracies = ACCURACIES if self.tolerance is None else (*ACCURACIES, self.tolerance)
+        if self.step_curve is not None:
+            return self.step_curve.as_json(dict.fromkeys(accuracies))
+        return {
+            "dt": self.judged[0].record.dt,
+            "error": None,
+            "largest_for": {accuracy_key(a): None for a in accuracies},
+        }
 
     @property
     def where(self) -> str:
@@ -205,12 +245,19 @@ class Judgement(Mapping[str, Any]):
         self.study.save(folder)
 
     def __repr__(self) -> str:
-        from dem_bridge.judging.shown import lines  # they are built on judgements
+        from dem_bridge.judging.sentences import text_of  # they are built on judgements
 
-        return "\n".join(f"{name:13} {text}" for name, text in lines(self))
+        return text_of(self)
 
     def _repr_html_(self) -> str:
         return self.study._repr_html_()
+
+
+def _has_common_factor(scene: Scene) -> bool:
+    """Return True if one factor on all masses and stiffnesses changes no motion of a scene."""
+    forces = (scene.adhesion, scene.drive, scene.law)
+    constant = scene.damping is not None and scene.damping.law == "dashpot"
+    return not constant and scene.precompression == 0.0 and all(part is None for part in forces)
 
 
 def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float | None = None) -> Judgement:
@@ -229,20 +276,21 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
         tolerance = check_number("tolerance", tolerance, allowed, above=0.0, below=1.0)
     if not records:
         raise UsageError("no file was given; give at least one file of the scene")
-    _check_steps(records)
-    for unit in _units_of_time(scene, records):
-        judgement = judge_records(scene, [_at(record, unit) for record in records], tolerance=tolerance)
+    check_steps(records)
+    for unit in units_of_time(scene, records):
+        judgement = judge_records(scene, [in_unit(record, unit) for record in records], tolerance=tolerance)
         if judgement.cause in ("none", "units"):
             right = judgement.cause == "none"
             rest = "time step and digits explain the difference." if right else judgement.evidence
             diagnosis = Diagnosis(
                 cause="units",
                 alternatives=("time-scale",) if right else (),
+                sentences=(alternative(f"All times are to be multiplied by {unit:g}.", "time-scale"),) if right else (),
                 evidence=f"Times are {1.0 / unit:.4g} times too large. In a unit of {unit:g} s: {rest}",
             )
             note = f"The errors are those of the files with times in a unit of {unit:g} s."
             return replace(judgement, diagnosis=diagnosis, time_unit=unit, assumed=(*judgement.assumed, note))
-    judged, assumed = zip(*(_checked(record, scene) for record in records), strict=True)
+    judged, assumed = zip(*(usable(record, scene) for record in records), strict=True)
     files = file_errors(scene, judged)
     floor = {name: part.reference_uncertainty for file in files for name, part in file.quantities.items()}
     notes = [text for texts in assumed for text in texts]
@@ -250,14 +298,42 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
     if end > scene.duration * (1.0 + 1e-9):
         notes.append(f"The scene ends at {scene.duration:.6g} s; the reference was continued to {end:.6g} s.")
     converging = convergence(files)
-    return Judgement(
+    diagnosis = _diagnosis(scene, files, floor, converging)
+    judgement = Judgement(
         scene=scene,
         files=files,
         convergence=converging,
-        diagnosis=_diagnosis(scene, files, floor, converging),
+        diagnosis=diagnosis,
         tolerance=tolerance,
         assumed=tuple(notes),
     )
+    return replace(judgement, step_curve=_step_curve(judgement))
+
+
+def _step_curve(judgement: Judgement) -> StepError | None:
+    """Return the errors by the time step: those of right files, of the method that a fit has found, or of Verlet."""
+    diagnosis, (name, (file, _)) = judgement.diagnosis, next(iter(judgement.worst.items()))
+    if diagnosis.cause == "none" and (curve := _observed(judgement, name)) is not None:
+        return curve
+    if diagnosis.step is not None and diagnosis.cause == "none":
+        return diagnosis.step
+    method, dt = diagnosis.stepping or (VERLET, file.record.dt)
+    accuracies = ACCURACIES if judgement.tolerance is None else (*ACCURACIES, judgement.tolerance)
+    times = file.record.time if file.record.time[0] == 0.0 else np.append(0.0, file.record.time)
+    return predict_step_error(
+        judgement.scene, dt, accuracies=accuracies, times=times, method=method, quantity=name,
+        stated=file.record.dt is not None,
+    )  # fmt: skip
+
+
+def _observed(judgement: Judgement, name: str) -> StepError | None:
+    """Return the largest errors of right files against their steps; None unless they fall with the step."""
+    if name not in judgement.order:
+        return None
+    having = [file for file in judgement.files if name in file.quantities and file.record.dt is not None]
+    curve = sorted((float(f.record.dt or 0.0), f.quantities[name].relative(f.quantities[name].value)) for f in having)
+    falling = len(curve) > 1 and all(0.0 < fine[1] < coarse[1] for fine, coarse in pairwise(curve))
+    return StepError(dt=curve[0][0], stated=True, curve=tuple(curve)) if falling else None
 
 
 def _diagnosis(
@@ -300,86 +376,3 @@ def _without_reference(files: Sequence[FileErrors]) -> QuantityErrors | None:
 def _floors(files: Sequence[FileErrors]) -> list[float]:
     """Return what digits and reference leave open of each quantity that has a scale, relative to it."""
     return [part.relative(part.floor) for file in files for part in file.quantities.values() if part.scale > 0.0]
-
-
-def _check_steps(records: Sequence[Record]) -> None:
-    """Raise UsageError if only some of several files have a time step."""
-    without = [record.name for record in records if record.dt is None]
-    if without and len(without) < len(records):
-        raise UsageError(
-            f"{without[0]} has no time step, but another file has one; give the time step in seconds: {without[0]}@DT"
-        )
-
-
-def _checked(record: Record, scene: Scene) -> tuple[Record, list[str]]:
-    """Return the samples that can be judged, and what was left out; raise UsageError for unusable values."""
-    time, notes = record.time, []
-    if not any(values.size for values in record.values.values()):
-        raise UsageError(
-            f"{record.name} has no velocities, displacements or contact forces; give a file with at least one of them"
-        )
-    if before := int(np.count_nonzero(time + record.rounding["time"] < 0.0)):
-        notes.append(f"{record.name}: {before} samples before the start of the scene, 0 s, are not judged.")
-        record = _rows(record, slice(before, None))
-    end = LONGEST * scene.duration
-    if _stays_together(scene) and (late := int(np.count_nonzero(record.time > end))):
-        notes.append(f"{record.name}: {late} samples after {end:.6g} s, {LONGEST:g} times the scene, are not judged.")
-        record = _rows(record, slice(len(record.time) - late))
-        if len(record.time) < 2:
-            raise UsageError(
-                f"{record.name} goes to {time[-1]:.6g} s, and the scene to {scene.duration:.6g} s; allowed: samples up"
-                f" to {end:.6g} s; give the unit of time (--units time=ms), or a scene of this duration"
-            )
-    interval = float(np.max(np.diff(time), initial=0.0))
-    if record.dt is not None and interval < 0.99 * record.dt:
-        notes.append(f"{record.name}: the step, {record.dt:.6g} s, is longer than the sampling, {interval:.6g} s.")
-    widest = max(values.shape[1] for values in record.values.values())
-    if (every := -(-len(record.time) * widest // MOST_VALUES)) > 1:
-        notes.append(f"{record.name}: every sample number {every} of {len(record.time)} is judged.")
-        record = _rows(record, slice(None, None, every))
-    if not len(record.time) or record.time[-1] <= 0.0:
-        raise UsageError(
-            f"{record.name} has no sample after 0 s, the start of the scene; give a file with later samples"
-        )
-    if len(record.time) < 2:
-        raise UsageError(f"{record.name} has a single sample; allowed: two or more samples at increasing times")
-    for name, values in record.values.items():
-        if len(wrong := np.argwhere(~(np.abs(values) < LARGEST))):
-            row, column = wrong[0].tolist()
-            axis = "contact" if name == "contact_force" else "body"
-            raise UsageError(
-                f"{record.name} has {len(wrong)} values of {name.replace('_', ' ')} that are not finite or above"
-                f" {LARGEST:g}, the first at {record.time[row]:.6g} s, {axis} {record.columns[name][column]}; remove"
-                " these samples, or run the code again with a smaller time step"
-            )
-    return record, notes
-
-
-def _units_of_time(scene: Scene, records: Sequence[Record]) -> list[float]:
-    """Return the units of time, s, in which files would end with the scene whose times go far beyond it."""
-    end = max((float(record.time[-1]) for record in records if len(record.time)), default=0.0)
-    if not LONGEST * scene.duration < end < math.inf:
-        return []
-    return [unit for unit in (1e-3, 1e-6, 1e-9) if 0.3 < end * unit / scene.duration < 3.0]
-
-
-def _at(record: Record, unit: float) -> Record:
-    """Return a record whose times are in a unit, s."""
-    rounding = dict(record.rounding) | {"time": unit * record.rounding["time"]}
-    return replace(record, time=unit * record.time, rounding=rounding)
-
-
-def _stays_together(scene: Scene) -> bool:
-    """Return True if bodies may collide again and again, so that the reference takes long for late times."""
-    parts = (scene.wall_left, scene.wall_right, scene.drive, scene.adhesion)
-    return scene.precompression > 0.0 or any(part is not None for part in parts)
-
-
-def _rows(record: Record, rows: slice) -> Record:
-    """Return a record with some of its samples."""
-    return replace(
-        record,
-        time=record.time[rows],
-        values={name: values[rows] for name, values in record.values.items()},
-        rounding={name: values[rows] for name, values in record.rounding.items()},
-    )

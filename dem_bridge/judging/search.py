@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.judging.decision import Decision
 from dem_bridge.judging.fitting import DECISION, SEARCH, Data, Fit, Fitter, least
-from dem_bridge.judging.hypotheses import LOG_STARTS, Changes, Hypothesis, Variant, global_hypotheses
+from dem_bridge.judging.hypotheses import LOG_STARTS, Changes, Hypothesis, Variant, common_factor, global_hypotheses
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.samples import half_steps, sample_hypotheses
 from dem_bridge.scene.scene import Scene
@@ -63,6 +63,11 @@ class Search:
         # the model errs by up to ten thousand tolerances of its steps, where bodies collide often
         tolerance = SEARCH if size > 1e-2 else DECISION if size < 1e-4 else 1e-11
         return Fitter(self.data, self.decision.time_step_error(), tolerance)
+
+    def effect(self, variant: Variant) -> float:
+        """Return the largest change by a variant relative to the scale of a quantity."""
+        changes = self.data.largest(self.data.predict(variant, self.rows, DECISION), self.exact)
+        return max(change / block.scale for change, block in zip(changes, self.data.blocks, strict=True))
 
     # ------------------------------------------------------------------ ranking
     def windows(self) -> list[int]:
@@ -143,12 +148,37 @@ class Search:
             Hypothesis("missed-contact", _missed(change, int(place)), f"Contact {k} never acts.", where=f"contact {k}")
             for k, place in enumerate(change.places())
         ]
-        kinds = (masses, stiffnesses, missed)
+        kinds = (masses, stiffnesses, missed, self._positions(change))
         return [candidate.hypothesis for kind in kinds for candidate in self.rank(kind, rows)[:PLACES]]
+
+    def _positions(self, change: Changes) -> list[Hypothesis]:
+        """Return other gaps of single contacts, and other places of single bodies between two contacts."""
+        unit, n = max(self.model.depth, 1e-12), self.scene.n_body
+        starts = ((0.0,), (0.3,), (-0.3,), (1.0,), (-1.0,))
+        gaps = [
+            Hypothesis(
+                "start-position", change.one_gap(int(place), unit),
+                f"The gap of contact {k} is {{0:.6g}} +- {{1:.2g}} m larger than in the scene.",
+                starts=starts, where=f"contact {k}", value=lambda p: p * unit,
+            )
+            for k, place in enumerate(change.places())
+        ]  # fmt: skip
+        between = [i for i in range(n) if {i, i + 1} <= {int(place) for place in change.places()}]
+        bodies = [
+            Hypothesis(
+                "start-position", change.one_position(i, unit),
+                f"Body {i} starts {{0:.6g}} +- {{1:.2g}} m further on than in the scene.",
+                starts=starts, where=f"body {i}", value=lambda p: p * unit,
+            )
+            for i in between
+        ]  # fmt: skip
+        return [*gaps, *bodies]
 
     def everywhere(self) -> list[Hypothesis]:
         """Return the hypotheses that do not concern a single place."""
         everywhere = [*sample_hypotheses(self.data, self.exact), *half_steps(self.data, self.decision.step)]
+        if any(block.quantity == 2 for block in self.data.blocks):
+            everywhere.append(common_factor(self.scene, self.model))
         return [*everywhere, *global_hypotheses(self.scene, self.model)]
 
     # ------------------------------------------------------------------ fits

@@ -52,7 +52,7 @@ class StepError:
     @property
     def error(self) -> float:
         """Error at the time step of the file; nan if the step is unknown."""
-        return math.nan if self.dt is None else dict(self.curve)[self.dt]
+        return dict(self.curve).get(self.dt, math.nan) if self.dt is not None else math.nan
 
     def largest_for(self, error: float) -> float:
         """Return the largest step, s, for an error; nan if it cannot be told.
@@ -114,6 +114,8 @@ def predict_step_error(
     accuracies: Iterable[float] = ACCURACIES,
     times: Floats | None = None,
     method: int = kernels.VERLET,
+    quantity: str = "velocity",
+    stated: bool = True,
 ) -> StepError | None:
     """Return the error of velocities that a time step makes in a scene, with the largest steps for some accuracies.
 
@@ -132,6 +134,10 @@ def predict_step_error(
     method : int
         Method of :mod:`.kernels`, velocity Verlet as in LAMMPS by default: damping forces are those at the velocities
         of half a step before.
+    quantity : {"velocity", "displacement", "contact_force"}
+        Quantity whose errors are told, relative to its largest value.
+    stated : bool
+        False if the step was found from errors of a file.
 
     Examples
     --------
@@ -144,14 +150,15 @@ def predict_step_error(
         return None
     model = Model(scene)
     times = np.linspace(0.0, scene.duration, scene.samples + 1) if times is None else times
-    exact = model.exact(model.system, times, DECISION).velocity
+    name = quantity.rsplit("_", maxsplit=1)[-1]
+    exact = getattr(model.exact(model.system, times, DECISION), name)
     scale, end = float(np.max(np.abs(exact))), float(times[-1])
     if not scale > 0.0:
         return None
 
     def error_at(step: float) -> float:
         with np.errstate(all="ignore"):
-            stepped = model.stepped_at(model.system, times, step, method).velocity
+            stepped = getattr(model.stepped_at(model.system, times, step, method), name)
             error = float(np.max(np.abs(stepped - exact))) / scale
         return error if math.isfinite(error) else math.inf
 

@@ -77,7 +77,7 @@ def table(scene, names):
         own = runs.rows[0][0]
         values = rows_of(runs, own)
         orders = [order_text(judgement, quantity) for quantity in ("velocity", "displacement")]
-        named = [judgement.cause, ", ".join(judgement.alternatives) or "-"]
+        named = [judgement.cause, ", ".join(judgement.alternative_causes) or "-"]
         errors = [f"{error:.2e}" for error, _ in values]
         yield line([code["title"], code["integrator"], *errors, f"{values[-1][1]:.2g}", *orders, *named])
         ours = {row[0]: rows_of(runs, row[0]) for row in runs.rows if row[0] != own} or ours

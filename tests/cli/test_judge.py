@@ -35,14 +35,23 @@ def test_three_files_are_judged_in_one_command(folder: Path) -> None:
     words = ("1e-06.csv@1e-6", "5e-07.csv@5e-7", "2.5e-07.csv@2.5e-7", "--scene", "five.toml")
     done = run_here("judge", *words, "--tolerance", "1e-3", "-o", "page", cwd=folder)
     assert done.returncode == 0, done.stderr
-    first, *others = done.stdout.splitlines()
-    assert first.split(maxsplit=1) == [
-        "outcome",
-        "PASS: all errors are within the tolerance, 0.001 of the largest value.",
-    ]
-    text = dict(line.split(maxsplit=1) for line in others)
+    printed = done.stdout.splitlines()
+    assert len(printed) <= 16
+    assert max(map(len, printed)) <= 80
+    # the first word of a line is its name, unless it goes on from the one before
+    text: dict[str, str] = {}
+    name = ""
+    for line in printed:
+        name = line[:14].strip() or name
+        text[name] = f"{text.get(name, '')} {line[14:]}".strip()
+    assert list(text)[:2] == ["outcome", "next"]
+    assert text["outcome"] == "PASS: all errors are within the tolerance, 0.001 of the largest value."
     assert text["order"].startswith("velocity 2.0")
     assert text["written"] == "page/index.html"
+    # what was assumed stands behind the answer, once for all files
+    notes = [line for line in done.stderr.splitlines() if "note: " in line]
+    assert len(notes) == len(set(notes))
+    assert not any(name in line for line in notes for name in ("1e-06.csv:", "5e-07.csv:"))
     assert {"index.html", "verdicts.json", "tables", "figures"} <= {path.name for path in (folder / "page").iterdir()}
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.judging.judgement import Judgement
-from dem_bridge.judging.shown import lines
+from dem_bridge.judging.sentences import lines
 from dem_bridge.report.texts import Texts
 from dem_bridge.scene.scene import Damping, Scene, Wall
 
@@ -120,6 +120,7 @@ class Answer:
     cause: str
     alternatives: list[str]
     next: str
+    step: str
     error: float
     """Largest error of velocities, relative."""
     floor: float
@@ -134,8 +135,9 @@ class Answer:
         return cls(
             outcome=judgement.outcome,
             cause=judgement.cause,
-            alternatives=judgement.alternatives,
+            alternatives=judgement.alternative_causes,
             next=dict(lines(judgement))["next"],
+            step=dict(lines(judgement)).get("step", ""),
             error=error["value"] / error["scale"],
             floor=judgement.floor or 0.0,
             limits={str(row[0]): float(row[2]) for row in rows},
@@ -190,12 +192,12 @@ def _of_advice(answer: Answer) -> Iterator[str]:
         yield f"the advice is {answer.next!r} for {answer.cause}"
     if answer.cause != "none":
         return
-    if answer.error > max(10.0 * answer.floor, LEAST) and "nothing needs" in answer.next.lower():
-        yield f"nothing needs to be corrected at an error of {answer.error:.1e}"
-    said = re.search(r"an error of ([\d.e+-]+) of the largest", answer.next)
-    if said and abs(float(said[1]) - answer.error) > 0.1 * answer.error:
-        yield f"the advice speaks of an error of {said[1]}, and it is {answer.error:.2e}"
-    if steps := re.search(r"time step of (\S+) (\w+).* A step of (\S+) (\w+) .* one of (\S+) (\w+) ", answer.next):
+    said = re.search(r"an error of ([\d.e+-]+) of the largest", answer.step)
+    if answer.error > max(10.0 * answer.floor, LEAST) and not said:
+        yield f"nothing is said of the step at an error of {answer.error:.1e}"
+    if said and answer.error > 10.0 * answer.floor and abs(float(said[1]) - answer.error) > 0.1 * answer.error:
+        yield f"the step is said to make an error of {said[1]}, and it is {answer.error:.2e}"
+    if steps := re.search(r"^([\d.]+) (\w+) .* at most (\S+) (\w+), (\S+) (\w+) and ", answer.step):
         now, coarse, fine = (float(steps[k]) * UNITS[steps[k + 1]] for k in (1, 3, 5))
         for target, other in ((1e-2, coarse), (1e-3, fine)):
             if (answer.error > 1.2 * target and other > now) or (1.2 * answer.error < target and other < now):

@@ -99,7 +99,8 @@ def judge(case: Case, folder: Path, by: str) -> tuple[str, tuple[str, ...], str,
         answer = dict(package.judge([str(path) if dt is None else f"{path}@{dt!r}"], loaded))
     seconds = time.perf_counter() - began
     cause, where, evidence = (str(answer[key] or "") for key in ("cause", "where", "evidence"))
-    return cause, tuple(answer["alternatives"]), where, evidence, seconds
+    names = answer["alternatives" if by == "diagnose" else "alternative_causes"]
+    return cause, tuple(names), where, evidence, seconds
 
 
 Task = tuple[int, str | None, str | None, str]

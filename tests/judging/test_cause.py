@@ -12,7 +12,8 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.formats.readers.record import Record
-from dem_bridge.judging.cause import CAUSES, PRIORITY, diagnose
+from dem_bridge.judging.cause import diagnose
+from dem_bridge.judging.diagnosis import CAUSES, PRIORITY
 from dem_bridge.judging.fitting import Stepping
 from dem_bridge.judging.judgement import judge_records
 from dem_bridge.judging.kernels import RK4, VERLET
@@ -124,7 +125,7 @@ def test_between_steps_the_motion_is_interpolated() -> None:
 
 
 def test_every_cause_has_a_priority() -> None:
-    assert set(PRIORITY) == set(CAUSES) - {"unknown", "single-precision"}
+    assert set(PRIORITY) == set(CAUSES) - {"unknown", "single-precision", "wrong-scene"}
 
 
 @pytest.mark.parametrize("dt_stated", [True, False])
@@ -192,9 +193,9 @@ def test_single_precision_is_seen_by_the_grid_of_the_values(quantities: tuple[st
         return replace(record, values={name: record.values[name] for name in quantities})
 
     assert diagnose(SCENE, [partial(record_of(digits=12, single=True))]).cause == "single-precision"
-    # a fault in double precision, outside of the list, is on no grid
+    # faults in double precision are on no grid
     two = {"mass": changed(SCENE.mass, 1, 1.02), "stiffness": changed(STIFFNESS, 3, 0.97)}
-    assert diagnose(SCENE, [partial(record_of(digits=12, **two))]).cause == "unknown"  # type: ignore[arg-type]
+    assert diagnose(SCENE, [partial(record_of(digits=12, **two))]).cause == "mass"  # type: ignore[arg-type]
 
 
 def test_values_of_an_unstable_step_have_no_cause() -> None:
@@ -205,11 +206,15 @@ def test_values_of_an_unstable_step_have_no_cause() -> None:
     assert "unstable step" in diagnosis.evidence
 
 
-def test_two_faults_and_small_ones_are_unknown() -> None:
+def test_two_faults_are_told_and_a_small_one_has_no_wrong_name() -> None:
     two = {"mass": changed(SCENE.mass, 1, 1.02), "stiffness": changed(STIFFNESS, 3, 0.97)}
-    assert diagnose(SCENE, [record_of(**two)]).cause == "unknown"  # type: ignore[arg-type]
+    both = diagnose(SCENE, [record_of(**two)])  # type: ignore[arg-type]
+    assert {(fault.cause, fault.where) for fault in both.faults} == {("mass", "body 1"), ("stiffness", "contact 3")}
+    assert (both.cause, both.where) == (both.faults[0].cause, both.faults[0].where)
+    assert "The mass of body 1 is 1.02 +-" in both.evidence
+    assert "The stiffness of contact 3 is 0.97 +-" in both.evidence
     small = {"mass": changed(SCENE.mass, 2, 1.0 + 2e-5)}
-    assert diagnose(SCENE, [record_of(digits=6, **small)]).cause in ("unknown", "none")  # type: ignore[arg-type]
+    assert diagnose(SCENE, [record_of(digits=6, **small)]).cause in ("mass", "unknown", "none")  # type: ignore[arg-type]
 
 
 def test_a_method_of_another_step_does_not_explain() -> None:

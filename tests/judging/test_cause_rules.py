@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from dem_bridge.judging import cause
-from dem_bridge.judging.cause import Diagnosis
+from dem_bridge.judging.diagnosis import Diagnosis
 from dem_bridge.judging.fitting import Block, Fit
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
+from dem_bridge.judging.naming import name_cause
 from dem_bridge.judging.single import on_single_grid
 from dem_bridge.trajectory.trajectory import Floats
 from tests.helpers.judged_records import CHAIN
@@ -43,11 +44,11 @@ def diagnosis_of(
     decision = SimpleNamespace(
         adaptive_error=lambda: adaptive, effect=lambda best: effect, error_at_rest=lambda: rest * none.error
     )
-    blocks = [SimpleNamespace(values=np.zeros((count // 2, 1)))] * 2
+    blocks = [SimpleNamespace(values=np.zeros((count // 2, 1)), quantity=0)] * 2
     search: Any = SimpleNamespace(
         decision=decision, data=SimpleNamespace(dt=dt, blocks=blocks), scene=SimpleNamespace(geometry=geometry)
     )
-    return cause.name_cause(search, none, fits, certain=certain)
+    return name_cause(search, none, fits, certain=certain)
 
 
 NONE = fit("none", rms=1e4, error=1e-2)
@@ -130,7 +131,7 @@ def test_small_errors_without_a_cause_are_those_of_a_method(
     for fits in ([], [fit(rms=50.0, largest=900.0, where="body 3")]):
         diagnosis = diagnosis_of(none, fits, dt=dt, rest=rest)
         assert diagnosis.cause == answer
-        nearest, left = ("gravity body 3", "0.5") if fits else ("none ", "1")
+        nearest, left = ("gravity body 3", "0.5") if fits else ("none", "1")
         assert diagnosis.evidence == (
             f"The difference is {error:.2g} of the largest value."
             if answer == "none"
@@ -146,8 +147,11 @@ def test_small_errors_without_a_cause_are_those_of_a_method(
     ],
 )  # fmt: skip
 def test_an_effect_of_fifty_floors_is_named(effect: float, error: float, answer: str) -> None:
-    diagnosis = diagnosis_of(fit("none", rms=1e4, error=error), [fit()], effect=effect)
+    diagnosis = diagnosis_of(fit("none", rms=49.0, error=error), [fit()], effect=effect)
     assert diagnosis.cause == answer
+    # what leaves less than a fiftieth, to the digits of the file, is named at any effect
+    whole = diagnosis_of(fit("none", rms=51.0, error=error), [fit()], effect=effect).cause
+    assert whole == ("gravity" if answer == "unknown" else answer)
     if answer != "gravity":
         below = "The difference is 49 floors, below 50."
         assert diagnosis.evidence == (below if answer == "unknown" else "The difference is 9e-07 of the largest value.")
@@ -252,6 +256,7 @@ def test_a_factor_on_masses_that_is_named_keeps_the_names_of_stiffness_as_altern
     assert (diagnosis.cause, set(diagnosis.alternatives)) == (
         "stiffness-scale", {"mass", "modulus", "missing-sqrt-radius"},
     )  # fmt: skip
+    assert diagnosis.needed.endswith("contact forces tell both.")
     assert diagnosis_of(NONE, [mass]).alternatives == ()
     units = diagnosis_of(NONE, [scale, fit("units", scale=2.0)])
     assert (units.cause, "modulus" in units.alternatives) == ("units", True)
@@ -297,7 +302,7 @@ def diagnosed(
         assert floor == {"velocity": 1.0}
         return SimpleNamespace(
             decision=decision, none="none", errors=np.array([0.0, size, 0.0]), fits=lambda: list(fits),
-            data=SimpleNamespace(blocks=[]), exact=[], record=record,
+            data=SimpleNamespace(blocks=[]), exact=[], record=record, scene=scene,
         )  # fmt: skip
 
     def named(search: Any, none: Fit, fits: list[Fit], certain: bool) -> Diagnosis:
@@ -308,6 +313,8 @@ def diagnosed(
     plant(monkeypatch, Seam.ON_SINGLE_GRID, lambda data: single_grid)
     plant(monkeypatch, Seam.STATEMENTS, lambda scene, record: [])
     plant(monkeypatch, Seam.STEP_ERROR, lambda decision, fit: None)
+    for other in (Seam.OTHER_MASSES, Seam.SHIPPED_SCENE, Seam.NAME_PAIR):
+        plant(monkeypatch, other, lambda *args: None)
     return cause.diagnose(CHAIN, files or [SimpleNamespace(dt=None)], {"velocity": 1.0})
 
 

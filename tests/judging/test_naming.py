@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.judging import cause, deck, single
-from dem_bridge.judging.cause import Diagnosis
+from dem_bridge.judging import deck, single
+from dem_bridge.judging.diagnosis import Diagnosis
 from dem_bridge.judging.error import QuantityErrors
 from dem_bridge.judging.fitting import Block, Fit
 from dem_bridge.judging.foreign import Command as ForeignCommand
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
 from dem_bridge.judging.model import Model
+from dem_bridge.judging.naming import name_cause
 from dem_bridge.judging.reference import reference_at
 from dem_bridge.lmp.reader.script import Command
 from dem_bridge.scene.scene import Scene
@@ -42,7 +43,7 @@ def named(none: Fit, fits: list[Fit], *, effect: float = 1e3, dt: float | None =
     )
     block = SimpleNamespace(values=np.zeros((50, 2)))
     search: Any = SimpleNamespace(decision=decision, data=SimpleNamespace(dt=dt, blocks=[block]), scene=PAIR)
-    return cause.name_cause(search, none, fits)
+    return name_cause(search, none, fits)
 
 
 def test_a_cause_may_leave_a_little_to_a_code_of_unknown_method() -> None:
@@ -58,7 +59,7 @@ def test_a_cause_may_leave_a_little_to_a_code_of_unknown_method() -> None:
 
 
 def test_an_effect_below_fifty_floors_is_not_named() -> None:
-    none = fit("none", rms=1e3, error=1e-2)
+    none = fit("none", rms=40.0, error=1e-2)
     assert named(none, [fit("mass")], effect=60.0).cause == "mass"
     assert named(none, [fit("mass")], effect=40.0).cause == "unknown"
     assert named(fit("none", rms=1e3, error=1e-7), [fit("mass")], effect=40.0).cause == "none"

@@ -38,7 +38,7 @@ def assert_judged(name: str, judgement: db.Judgement) -> None:
     assert judgement.cause == CODES[name]["cause"]
     assert judgement.outcome == ("PASS" if judgement.cause == "none" else "FAIL")
     if judgement.cause == "half-step-velocity":  # the same numbers where the start has no acceleration
-        assert judgement.alternatives == ["first-order-integrator"]
+        assert judgement.alternative_causes == ["first-order-integrator"]
 
 
 def files(name: str, scene: str) -> list[tuple[Path, float]]:
@@ -65,7 +65,7 @@ def test_files_of_a_code_have_its_order_and_its_cause(name: str, scene: str) -> 
 def test_one_file_of_a_half_step_code_is_enough_for_its_cause(name: str) -> None:
     judgement = db.judge(files(name, "ten-beads")[0], DATA / "ten-beads.toml")
     assert judgement.cause == "half-step-velocity"
-    assert judgement.alternatives == ["first-order-integrator"]
+    assert judgement.alternative_causes == ["first-order-integrator"]
 
 
 @pytest.mark.slow

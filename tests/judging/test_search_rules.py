@@ -199,10 +199,12 @@ def test_masses_stiffnesses_and_missed_contacts_are_hypotheses_of_a_place(monkey
 
     search.rank = rank
     chosen = search.places(17)
-    assert [len(kind) for kind in ranked] == [5, 5, 5]
+    # gaps of five contacts, and places of four bodies between two of them
+    assert [len(kind) for kind in ranked] == [5, 5, 5, 9]
     assert [each.where for each in chosen] == [
         *("body 4", "body 3", "body 2", "body 1"),
         *("contact 4", "contact 3", "contact 2", "contact 1") * 2,
+        *("body 4", "body 3", "body 2", "body 1"),
     ]
     base, change = search.model.system, Changes(scene, search.model)
     mass, stiffness, missed = ranked[0][2], ranked[1][4], ranked[2][1]

@@ -71,7 +71,7 @@ def test_another_start_velocity_is_stated_by_the_first_sample(dt: float, digits:
     assert (judgement.cause, judgement.where) == ("start-velocity", "body 0")
     assert "Body 0 starts at 0.816 m/s, in the scene 0.8" in judgement.evidence
     # a factor on all velocities of a Hertz chain would leave the times of the contacts as they are
-    assert "units" not in judgement.alternatives
+    assert "units" not in judgement.alternative_causes
     later = record(faster, dt=dt, quantities=BOTH, rounding=digits)
     later = replace(later, time=later.time[1:], values={k: v[1:] for k, v in later.values.items()},
                     rounding={k: v[1:] for k, v in later.rounding.items()})  # fmt: skip
@@ -190,13 +190,13 @@ def test_an_exponent_whose_force_is_matched_at_one_overlap_is_named(matched: flo
     file = replace(record(quantities=("velocity",)), time=run.time, values={"velocity": np.round(run.velocity, 9)},
                    rounding={"time": np.zeros(41), "velocity": np.full((41, 5), 5e-10)}, dt=1e-7)  # fmt: skip
     judgement = judge_records(CHAIN, [file])
-    assert (judgement.cause, judgement.alternatives) == ("exponent", [])
+    assert (judgement.cause, judgement.alternative_causes) == ("exponent", [])
     assert "The exponent n differs from the scene's by -0.1 +- " in judgement.evidence
     # a factor on all stiffnesses is not an exponent
     stiffer = db.solve(replace(CHAIN, stiffness=tuple(1.02 * beta for beta in CHAIN.stiffness)), backend="verlet",
                        dt=1e-7, uncertainty=False)  # fmt: skip
     file = replace(file, values={"velocity": np.round(stiffer.velocity, 9)})
-    assert "exponent" not in (judge_records(CHAIN, [file]).cause, *judge_records(CHAIN, [file]).alternatives)
+    assert "exponent" not in (judge_records(CHAIN, [file]).cause, *judge_records(CHAIN, [file]).alternative_causes)
 
 
 def test_half_steps_of_a_coarse_long_table_are_named_by_its_step_numbers(tmp_path: Path) -> None:
@@ -218,7 +218,7 @@ def test_half_steps_of_a_coarse_long_table_are_named_by_its_step_numbers(tmp_pat
     assert file.dt == 1e-7
     assert float(np.max(file.rounding["time"])) < 1e-15
     judgement = db.judge(path, CHAIN)
-    assert (judgement.cause, judgement.alternatives) == ("half-step-velocity", ["first-order-integrator"])
+    assert (judgement.cause, judgement.alternative_causes) == ("half-step-velocity", ["first-order-integrator"])
 
 
 # ---------------------------------------------------------------- the error of the step

@@ -145,7 +145,7 @@ def _bodies(
     raise UsageError(
         f"the file has {count} atoms per frame, the scene {scene.name} has {scene.n_body} bodies; allowed: all bodies"
         + f", or {scene.n_body + walls} atoms with its walls" * bool(walls)
-        + ", or some bodies with ids from 1; give the scene of this run, or the bodies of the atoms (--bodies)"
+        + ", or some bodies with ids from 1. Is it this scene? Give that of this run, or the bodies (--bodies)"
     )
 
 

@@ -140,7 +140,7 @@ class Draft:
             said = f"{kind} {outside[0]}" if outside else f"{kind} {max(columns, key=columns.count)} twice"
             raise UsageError(
                 f"the file has the {quantity} of {said}; the scene {scene.name} has {count}: allowed are 0 to"
-                f" {count - 1}, each once; give the scene of this run, or the bodies of the columns (--bodies)"
+                f" {count - 1}, each once. Is it this scene? Give that of this run, or the bodies (--bodies)"
             )
         if len(wrong := np.argwhere(~np.isfinite(values))):
             row, column = wrong[0].tolist()

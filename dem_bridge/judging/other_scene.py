@@ -1,0 +1,96 @@
+"""Signs that a file is of another scene with as many bodies: the masses that conserve its momentum, and shipped scenes.
+
+Contact forces conserve momentum at any time step, by any law and by every method whose forces are equal and opposite.
+Velocities of all bodies therefore determine the ratios of the masses without a fit of the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.judging.fitting import SEARCH, Data
+from dem_bridge.judging.hypotheses import Variant
+from dem_bridge.judging.model import system_of
+from dem_bridge.scene.file import load_scene, shipped_scenes
+from dem_bridge.scene.scene import Scene
+
+Floats = NDArray[np.float64]
+
+#: change of momentum, in units of the noise of the velocities, that their digits explain
+EXPLAINED = 3.0
+#: the next combination of masses changes so many times more: else they are not determined
+DETERMINED = 30.0
+#: bodies with other masses from which the scene is another one, and the least relative difference
+BODIES, DIFFERENT = 3, 1e-3
+#: part of the difference from the scene that a shipped scene leaves, and its largest error relative to the scale
+LEFT, SAME_MOTION = 0.1, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class OtherMasses:
+    """The masses of a file relative to those of its scene, ``(n_body,)``, in the median 1; nan: not determined."""
+
+    ratio: Floats
+    reordered: bool
+    """True if they may be those of the scene in another order."""
+
+    @property
+    def differing(self) -> list[int]:
+        """Bodies with another mass."""
+        return np.flatnonzero(np.abs(self.ratio - 1.0) > DIFFERENT).tolist()
+
+    def words(self) -> str:
+        """Return the three largest differences in words."""
+        worst = sorted(self.differing, key=lambda body: -abs(np.log(self.ratio[body])))[:3]
+        return ", ".join(f"{self.ratio[body]:.4g} (body {body})" for body in sorted(worst))
+
+
+def other_masses(scene: Scene, data: Data) -> OtherMasses | None:
+    """Return the masses that conserve the momentum of a file; None if those of the scene do, or if none are determined.
+
+    Velocities of all bodies are needed, and a scene without forces from outside but gravity.
+    """
+    outside = (scene.wall_left, scene.wall_right, scene.drive)
+    block = next((block for block in data.blocks if block.quantity == 0), None)
+    if block is None or any(part is not None for part in outside) or scene.drag or scene.precompression:
+        return None
+    if sorted(block.columns) != list(range(scene.n_body)) or not np.all(block.present):
+        return None
+    mass = np.array(scene.mass)[block.columns]
+    change = (block.values - scene.gravity * data.time[:, None])[1:] - block.values[0]
+    noise = np.sqrt(2.0 * np.sum((block.sigma[1:] * mass) ** 2, axis=1))[:, None]
+    moved = np.max(np.abs(change), axis=0) > 1e-6 * block.scale
+    weighted = change[:, moved] * mass[moved] / noise
+    if np.sqrt(np.mean(np.sum(weighted, axis=1) ** 2)) < EXPLAINED or np.count_nonzero(moved) < BODIES:
+        return None
+    _, sizes, combinations = np.linalg.svd(weighted, full_matrices=False)
+    least, ratio = sizes / np.sqrt(len(weighted)), combinations[-1] * np.sqrt(len(combinations))
+    if len(sizes) < len(ratio) or least[-1] > EXPLAINED or least[-2] < DETERMINED * max(least[-1], 1.0):
+        return None
+    ratio = ratio / np.median(ratio)
+    if np.any(ratio <= 0.0):
+        return None
+    whole = np.full(scene.n_body, np.nan)
+    whole[block.columns[moved]] = ratio
+    order = np.sort(ratio * mass[moved]) / np.sort(mass[moved])
+    return OtherMasses(whole, bool(np.ptp(order) < 0.01 * np.median(order)))
+
+
+def shipped_scene(scene: Scene, data: Data, error: float) -> tuple[str, float] | None:
+    """Return the name of the shipped scene that a file is of, and its error; None if it is none of them.
+
+    ``error`` is that of the scene itself, relative to the scale of a quantity.
+    """
+    best: tuple[str, float] | None = None
+    for name in shipped_scenes("all"):
+        other = load_scene(name)
+        if other.n_body != scene.n_body or other.law is not None or other.content_hash == scene.content_hash:
+            continue
+        motion = Variant(system_of(other))
+        size = float(np.max(data.errors(data.predict(motion, len(data.time), SEARCH))))
+        if size < min(SAME_MOTION, LEFT * error) and (best is None or size < best[1]):
+            best = name, size
+    return best

@@ -1,0 +1,281 @@
+"""Two faults at once: pairs of hypotheses, ranked where a difference begins and fitted by all samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dem_bridge.judging.diagnosis import PRIORITY, Diagnosis, Fault
+from dem_bridge.judging.fitting import Fit, least
+from dem_bridge.judging.hypotheses import Hypothesis, Variant, global_hypotheses
+from dem_bridge.judging.kernels import System
+from dem_bridge.judging.naming import alternative, as_good, explained, leaves, needed_files, stepping_of, value
+from dem_bridge.judging.search import Candidate, Search
+
+Floats = NDArray[np.float64]
+
+#: single faults around which a second one is looked for in a window, pairs that are fitted, and those fitted at last
+FIRSTS, FITTED, FINALISTS = 6, 10, 4
+#: part of the difference that a pair may leave in a window, and times what the best pair leaves
+LEFT, WORSE = 0.5, 30.0
+#: pairs that leave so many times what the best leaves are fitted at last by their simplicity
+ALIKE = 3.0
+#: standard deviations by which each parameter of a pair differs from that of the scene
+SURE = 5.0
+#: numbers of a system whose changes are multiplied; those of all others are added
+FACTORS = ("mass", "stiffness", "damping", "velocity")
+TERMS = ("free", "exponent", "gap", "damping_power", "pull_off", "drag")
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two hypotheses, whose parameters stand in a row."""
+
+    first: Hypothesis
+    second: Hypothesis
+    hypothesis: Hypothesis
+    """Both together."""
+
+    def parts(self, fit: Fit) -> tuple[tuple[Hypothesis, Floats, Floats], ...]:
+        """Return each hypothesis with its parameters and their standard deviations."""
+        size = self.first.size
+        return (
+            (self.first, fit.parameters[:size], fit.deviation[:size]),
+            (self.second, fit.parameters[size:], fit.deviation[size:]),
+        )
+
+    def sure(self, fit: Fit) -> bool:
+        """Return True if each of the two differs from the scene."""
+        return all(not h.size or abs(float(p[0])) > SURE * float(d[0]) for h, p, d in self.parts(fit))
+
+
+def fit_pairs(search: Search) -> list[tuple[Pair, Fit]]:
+    """Return pairs of hypotheses with their fits by all samples, those that leave least first."""
+    fits: list[tuple[Pair, Fit]] = []
+    for pair, start in _finalists(search):
+        best = min((fit for _, fit in fits), key=lambda fit: fit.rms, default=None)
+        fit = search.decision.decide(pair.hypothesis, start, best)
+        if pair.sure(fit):
+            fits.append((pair, fit))
+    return sorted(fits, key=lambda item: item[1].rms)
+
+
+def name_pair(search: Search, none: Fit) -> Diagnosis | None:
+    """Return the diagnosis of a file that two faults at once explain; None if none do, or if neither is certain.
+
+    The cause is the larger of the faults that all pairs share which explain the samples equally well.
+    """
+    fits = fit_pairs(search)
+    if not fits or not explained(fits[0][1]):
+        return None
+    count = sum(block.values.size for block in search.data.blocks)
+    equal = sorted(
+        (item for item in fits if as_good(item[1], fits[0][1], count)), key=lambda item: _complexity(item[0])
+    )
+    pair, fit = equal[0]
+    shared = set.intersection(*({_name(h) for h in (other.first, other.second)} for other, _ in equal))
+    parts = sorted(pair.parts(fit), key=lambda part: -search.effect(part[0].make(part[1])))
+    certain = [h for h, _, _ in parts if _name(h) in shared]
+    if not certain:
+        return None
+    faults = tuple(Fault(h.cause, h.where, h.evidence.format(*value(h, p, d))) for h, p, d in parts)
+    hypotheses = {h for other, _ in equal for h in (other.first, other.second)}
+    others = {h.cause for h in hypotheses} - {fault.cause for fault in faults}
+    return Diagnosis(
+        cause=certain[0].cause,
+        alternatives=tuple(sorted(others, key=PRIORITY.index)),
+        where=certain[0].where,
+        evidence=" ".join(
+            ("Two faults at once:", *(fault.sentence for fault in faults), leaves(fit, none, "Together they leave"))
+        ),
+        faults=faults,
+        sentences=tuple(_alternative(*item) for item in equal[1:]),
+        needed=needed_files(search, hypotheses),
+        stepping=stepping_of(fit),
+    )
+
+
+def _name(hypothesis: Hypothesis) -> tuple[str, str]:
+    """Return what a hypothesis says of the cause: factors on all masses and on all stiffnesses are nearly one."""
+    return (hypothesis.family if hypothesis.family == "factor" else hypothesis.cause, hypothesis.where)
+
+
+def _complexity(pair: Pair) -> tuple[int, int, int]:
+    """Return the place of a pair among those that explain the samples as well: few parameters, and no free unit."""
+    both = (pair.first, pair.second)
+    units = sum(h.cause == "units" and h.size > 0 for h in both)
+    return units, sum(h.size for h in both), sum(PRIORITY.index(h.cause) for h in both)
+
+
+def _alternative(pair: Pair, fit: Fit) -> str:
+    """Return a sentence on a pair that explains the samples as well."""
+    first, second = (h.evidence.format(*value(h, p, d)).rstrip(".") for h, p, d in pair.parts(fit))
+    return alternative(f"{first}, and {second[:1].lower()}{second[1:]}", f"{pair.first.cause} and {pair.second.cause}")
+
+
+def _finalists(search: Search) -> list[tuple[Pair, Floats]]:
+    """Return the pairs that leave least of a difference, from the window in which it begins to all samples."""
+    windows, kept = search.windows(), list[tuple[float, Pair, Floats]]()
+    ranked_in = {windows[0], windows[min(2, len(windows) - 1)], windows[len(windows) // 2]}
+    for rows in windows:
+        if rows in ranked_in:
+            kept += sorted(_ranked(search, rows), key=lambda item: item[0])[:FITTED]
+        extra = 1e-3 * float(np.max(search.errors[:rows]))
+        start = float(np.sqrt(np.mean(search.fitter.residual(search.base, rows, extra) ** 2)))
+        fitted: dict[frozenset[tuple[str, ...]], tuple[float, Pair, Floats]] = {}
+        for _, pair, p in kept:
+            p, rms = search.fitter.fit(pair.hypothesis, p, rows, extra)
+            name = frozenset((h.cause, h.where, h.evidence) for h in (pair.first, pair.second))
+            if name not in fitted or rms / start < fitted[name][0]:
+                fitted[name] = (rms / start, pair, p)
+        ordered = sorted(fitted.values(), key=lambda item: item[0])
+        limit = min(LEFT, max(WORSE * ordered[0][0], 0.1)) if ordered else 0.0
+        kept = [item for item in ordered if item[0] < limit][:FITTED]
+    least_left = min((left for left, _, _ in kept), default=0.0)
+    kept.sort(key=lambda item: (item[0] > ALIKE * least_left, _complexity(item[1]), item[0]))
+    last = [(pair, p) for _, pair, p in kept[:FINALISTS]]
+    return [*last, *_with_other_factors(search, last)]
+
+
+def _with_other_factors(search: Search, pairs: list[tuple[Pair, Floats]]) -> Iterator[tuple[Pair, Floats]]:
+    """Yield pairs with a factor on all masses in place of one on all stiffnesses, and the other way round."""
+    names = [{(h.cause, h.evidence) for h in (pair.first, pair.second)} for pair, _ in pairs]
+    factors = [h for h in global_hypotheses(search.scene, search.model) if h.family == "factor"]
+    for pair, p in pairs:
+        for own, rest, start in (
+            (pair.first, pair.second, [*p[pair.first.size :], -p[0]]),
+            (pair.second, pair.first, [*p[: pair.first.size], *-p[pair.first.size :]]),
+        ):
+            if own.family != "factor":
+                continue
+            other = next(h for h in factors if h.cause != own.cause)
+            if {(other.cause, other.evidence), (rest.cause, rest.evidence)} in names:
+                continue
+            if (changed := paired(search.base.system, rest, other)) is not None:
+                yield changed, np.array(start)
+
+
+def _ranked(search: Search, rows: int) -> Iterator[tuple[float, Pair, Floats]]:
+    """Yield pairs with what they leave by a linear step about a first hypothesis that was fitted in this window."""
+    hypotheses = [*search.everywhere(), *search.places(rows)]
+    extra = 1e-3 * float(np.max(search.errors[:rows]))
+    start = search.fitter.residual(search.base, rows, extra)
+    size = float(np.sqrt(np.sum(start**2)))
+    for candidate in _firsts(search.rank(hypotheses, rows)):
+        first = candidate.hypothesis
+        p, _ = search.fitter.fit(first, candidate.parameters, rows, extra)
+        at = search.fitter.residual(first.make(p), rows, extra)
+        own = [
+            (search.fitter.residual(first.make(p + 1e-3 * unit), rows, extra) - at) / 1e-3
+            for unit in np.eye(first.size)
+        ]
+        for second in hypotheses:
+            if second is first or (pair := paired(search.base.system, first, second)) is None:
+                continue
+            yield from _about(search, pair, p, at, own, rows=rows, extra=extra, size=size)
+
+
+def _firsts(ranked: list[Candidate]) -> list[Candidate]:
+    """Return the first candidates of a ranking, two of one cause at most."""
+    kept = list[Candidate]()
+    for candidate in ranked:
+        same = sum(other.hypothesis.cause == candidate.hypothesis.cause for other in kept)
+        if candidate.hypothesis.nameable and same < 2 and len(kept) < FIRSTS:
+            kept.append(candidate)
+    return kept
+
+
+def _about(
+    search: Search, pair: Pair, p: Floats, at: Floats, own: list[Floats], *, rows: int, extra: float, size: float
+) -> Iterator[tuple[float, Pair, Floats]]:
+    """Yield a pair with what it leaves after a linear step in the parameters of both."""
+    second = pair.second
+    probe = 1e-3 if second.probe is None else second.probe
+    columns, before = list(own), at
+    for unit in np.eye(second.size):
+        with_probe = pair.hypothesis.make(np.concatenate([p, probe * unit]))
+        columns.append((search.fitter.residual(with_probe, rows, extra) - at) / probe)
+    if not second.size:
+        before = search.fitter.residual(pair.hypothesis.make(p), rows, extra)
+    guess = np.concatenate([p, np.zeros(second.size)])
+    if columns:
+        changes = np.stack(columns, axis=1)
+        step = least(changes, -before)
+        before = before + changes @ step
+        guess = np.clip(guess + step, *pair.hypothesis.bounds)
+    left = float(np.sqrt(np.sum(before**2))) / size
+    if math.isfinite(left):
+        yield left, pair, guess
+
+
+def paired(base: System, first: Hypothesis, second: Hypothesis) -> Pair | None:
+    """Return two hypotheses together; None if they change the same thing, or if the step of a code is to be fitted."""
+    if any(h.logarithmic or h.together for h in (first, second)) or not (first.nameable and second.nameable):
+        return None
+    if (first.cause, first.where) == (second.cause, second.where):
+        return None
+    size = first.size
+    trial = [h.make(np.array(h.starts[-1])) for h in (first, second)]
+    if merged(base, *trial) is None:
+        return None
+
+    def make(p: Floats) -> Variant:
+        both = merged(base, first.make(p[:size]), second.make(p[size:]))
+        assert both is not None
+        return both
+
+    low, high = (np.concatenate([np.full(h.size, h.bounds[side]) for h in (first, second)]) for side in (0, 1))
+    together = Hypothesis(
+        first.cause,
+        make,
+        f"{first.evidence} {second.evidence}",
+        ((*first.starts[0], *second.starts[0]),),
+        bounds=(low, high),
+        keeps_step=True,
+    )
+    return Pair(first, second, together)
+
+
+def merged(base: System, first: Variant, second: Variant) -> Variant | None:
+    """Return the variant with the changes of both; None if both change what only one can."""
+    none = Variant(base)
+    for name in ("late", "lag", "order", "method"):
+        if all(getattr(item, name) != getattr(none, name) for item in (first, second)):
+            return None
+    a, b = first.system, second.system
+    for name in ("damping", "exponent"):
+        if all(np.any(getattr(system, name) != getattr(base, name)) for system in (a, b)):
+            return None
+    values: dict[str, Any] = {name: _product(*(getattr(s, name) for s in (a, b, base))) for name in FACTORS}
+    values |= {name: getattr(a, name) + getattr(b, name) - getattr(base, name) for name in TERMS}
+    values["clipped"] = a.clipped if a.clipped != base.clipped else b.clipped
+    values["pulls"] = a.pulls or b.pulls
+    offsets = [np.array(item.offset) for item in (first, second) if item.offset is not None]
+    own = first if first.method is not None else second
+    return Variant(
+        base.changed(**values),
+        shift=first.shift + second.shift,
+        scale=first.scale * second.scale,
+        late=first.late or second.late,
+        lag=first.lag or second.lag,
+        factors=(
+            first.factors[0] * second.factors[0],
+            first.factors[1] * second.factors[1],
+            first.factors[2] * second.factors[2],
+        ),
+        order=first.order if first.order is not None else second.order,
+        offset=tuple(np.sum(offsets, axis=0).tolist()) if offsets else None,
+        method=own.method,
+        dt=own.dt,
+    )
+
+
+def _product(first: Floats, second: Floats, base: Floats) -> Floats:
+    """Return the base with both factors on it, and the sum of both where it is 0."""
+    with np.errstate(all="ignore"):
+        return np.where(base != 0.0, first * (second / base), first + second)
