@@ -15,7 +15,16 @@ author = "The dem_bridge developers"
 copyright = author
 version = release = dem_bridge.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "sphinx_click", "accessible", "mathml", "site_checks"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "numpydoc",
+    "sphinx_click",
+    "accessible",
+    "mathml",
+    "notebooks",
+    "site_checks",
+]
 exclude_patterns = ["_build"]
 default_role = "code"
 

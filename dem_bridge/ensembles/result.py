@@ -64,7 +64,7 @@ class Ensemble:
         """Return at most 15 lines: the median and the quantiles of observables of the whole chain, and the check."""
         rows = [f"{name}: {median} ({low} to {high})" for name, low, median, high in self._shown_quantiles()]
         title = f"{len(self)} chains of {self.variation.scene.name} (median; 5 % to 95 %)"
-        return summary(rows, [f"check: {self.agreement}"], title=title)
+        return summary([*rows, f"check: {self.agreement}"], title=title)
 
     def _repr_html_(self) -> str:
         arrival = self.values["arrival_at_end"]
