@@ -10,7 +10,7 @@ import numpy as np
 
 from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.judging.check.laboratory import Laboratory, LammpsRun
-from dem_bridge.judging.check.words import release, share
+from dem_bridge.judging.check.words import number, release, share
 from dem_bridge.judging.deck import UserDeck
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of, mixing_warning
 from dem_bridge.observables.verdict import Outcome
@@ -18,8 +18,11 @@ from dem_bridge.observables.verdict import Outcome
 #: relative difference of LAMMPS from our code at the same step that only round-off explains, and the multiple of what a
 #: particle radius changes that counts as round-off, too
 WITHIN, _TIMES = 1e-7, 20.0
-#: how many times finer the steps are at which a difference is measured again, and the part of it that must be gone then
-_FINER, _LEFT = 4, 0.5
+#: how many times finer the steps are at which a difference is measured again, the part of it that must be gone then,
+#: and the largest that may be left
+_FINER, _LEFT, _MOST_LEFT = 4, 0.5, 0.03
+#: largest step, relative to the stability limit 2/omega, at which runs say something about a law
+_RESOLVED = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,27 +86,40 @@ def law_of(lab: Laboratory, factor: int = 1) -> LawAnswer:
     The difference is that from our code at the step of the script, with its particle radius. Where that is more than
     round-off, finer steps tell a difference that falls with the step, such as that of a touch, from a wrong law.
     """
-    run, deck = lab.lammps(factor), lab.subject.deck
+    deck = lab.subject.deck
+    assert deck.dt is not None  # see ``Laboratory.problem``
+    name = law_name(deck)
+    try:
+        factor = max(factor, _resolving(lab, deck.dt))
+        run = lab.lammps(factor)
+    except UsageError as error:
+        return _unsure(name, math.inf, WITHIN, str(error))
     if not run.finite:
         return _wrong(lab, run, math.inf)
-    assert deck.dt is not None  # see ``Laboratory.problem``
     dt = deck.dt / factor
     closes = lab.prescan is None or float(np.max(lab.prescan.peak_overlap, initial=0.0)) > 0.0
     if not closes:
         return LawAnswer(outcome=Outcome.UNDECIDED, sentence="no contact closes during the run, so no law acts.")
     difference, allowed = _difference(lab, run, dt)
-    name = law_name(deck)
     if difference <= allowed:
-        said = f"{name}: LAMMPS and our code differ by {share(difference)} of the largest velocity at the same step."
+        step = "the same step" if factor == 1 else f"{number(dt)} s, which resolves the contacts"
+        said = f"{name}: LAMMPS and our code differ by {share(difference)} of the largest velocity at {step}."
         return LawAnswer(outcome=Outcome.PASS, sentence=said, difference=difference, allowed=allowed)
     try:
         finer, allowed = _difference(lab, lab.lammps(_FINER * factor), dt / _FINER)
     except UsageError as error:
         return _unsure(name, difference, allowed, str(error))
-    if finer <= max(allowed, _LEFT * difference):
+    if finer <= max(allowed, min(_LEFT * difference, _MOST_LEFT)):
         said = f"{name}: the difference from our code falls with the step, from {share(difference)} to {share(finer)}."
         return LawAnswer(outcome=Outcome.PASS, sentence=said, difference=finer, allowed=allowed)
     return _wrong(lab, run, finer)
+
+
+def _resolving(lab: Laboratory, dt: float) -> int:
+    """Return by what to divide a step so that it resolves the contacts."""
+    if lab.prescan is None or not lab.prescan.frequency > 0.0:
+        return 1
+    return max(1, math.ceil(dt * lab.prescan.frequency / (2.0 * _RESOLVED)))
 
 
 def law_by_steps(lab: Laboratory) -> LawAnswer:
@@ -198,5 +214,8 @@ def law_name(deck: UserDeck) -> str:
     if not models or style is None or style.rest[:1] != ("granular",):
         return " ".join(style.rest[:1]) if style is not None else "no pair_style"
     damped = " and ".join(dampings) or "viscoelastic"
+    if deck.read is not None:  # the lines of a deck have more laws than act
+        law = deck.read.scene.damping
+        damped = damped if law is None or law.law not in dampings else law.law
     undamped = deck.read is not None and deck.read.scene.damping is None
     return f"{' and '.join(models)}, {'no damping' if undamped else f'damping {damped}'}"

@@ -54,9 +54,9 @@ class Plausibility:
 def plausibility_of(lab: Laboratory, text: str) -> tuple[Plausibility, ...]:
     """Return the properties of a script, those that are unlikely first."""
     deck, scene = lab.subject.deck, lab.scene
-    entries = list(_of_material(deck))
+    physical = not lab.subject.of_scene and _SURROGATE not in text
+    entries = list(_of_material(deck)) if physical else []
     if scene is not None:
-        physical = not lab.subject.of_scene and _SURROGATE not in text
         entries = [
             *_of_contacts(lab, scene, physical),
             *_of_start(deck, scene, physical),
@@ -79,7 +79,7 @@ def _of_contacts(lab: Laboratory, scene: Scene, physical: bool) -> Iterator[Plau
         part = deepest / min(radii)
         look = part > LARGEST_OVERLAP
         text = f"largest overlap {share(part)} of the radius"
-        more = ": Hertz's law holds for small overlaps; are stiffness, speed and units right?" if look else ""
+        more = ", and Hertz's law holds for small ones (are stiffness, speed and units right?)" if look else ""
         yield Plausibility(
             name="overlap", value=part, usual=f"up to {share(LARGEST_OVERLAP)}", look=look, sentence=text + more
         )
@@ -138,7 +138,7 @@ def _of_material(deck: UserDeck) -> Iterator[Plausibility]:
     ]
     if densities and not DENSITIES[0] <= min(densities) <= max(densities) <= DENSITIES[1]:
         odd = next(value for value in densities if not DENSITIES[0] <= value <= DENSITIES[1])
-        text = f"a density of {number(odd)} kg/m^3 in units {deck.state.units}: no solid has it; are the units right?"
+        text = f"a density of {number(odd)} kg/m^3 in units {deck.state.units}: no solid has it (are the units right?)"
         yield Plausibility(name="density", value=odd, usual="100 to 23000 kg/m^3", look=True, sentence=text)
     pressure = mass / (length * time**2)
     for command in deck.commands:
@@ -149,7 +149,7 @@ def _of_material(deck: UserDeck) -> Iterator[Plausibility]:
         except (IndexError, ValueError):
             continue
         if modulus > 0.0 and not MODULI[0] <= modulus <= MODULI[1]:
-            text = f"a Young's modulus of {number(modulus)} Pa in units {deck.state.units}; are the units right?"
+            text = f"a Young's modulus of {number(modulus)} Pa in units {deck.state.units} (are the units right?)"
             yield Plausibility(name="modulus", value=modulus, usual="1e3 to 1.3e12 Pa", look=True, sentence=text)
             return
 

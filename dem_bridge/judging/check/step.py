@@ -21,7 +21,9 @@ from dem_bridge.trajectory.trajectory import Floats
 _AIM, _FINER = 0.85, (1.0, 1.31, 1.83)
 #: part of the accuracy for which the largest step is told, too
 _TENTH = 0.1
-#: factors that are tried for a step that serves, each larger by a tenth, and runs of LAMMPS that confirm one
+#: first step, of the stability limit, that is tried where the largest is not known
+_GUESS = 0.05
+#: factors that are tried for a step that serves, each larger by a fifth, and runs of LAMMPS that confirm one
 _TRIES, _CONFIRMED = 16, 3
 #: steps times bodies of one run of our code that a check makes at most
 _MOST_WORK = 2e9
@@ -134,9 +136,12 @@ def step_of(lab: Laboratory, accuracy: float, *, law_is_right: bool, lost: bool)
     if outcome is Outcome.PASS and by_chance <= accuracy:
         return replace(answer, outcome=outcome)
     why = f"its error is small by chance: finer steps err by {share(by_chance)}" if outcome is Outcome.PASS else ""
-    factor, confirmed = _factor(lab, curve.largest_for(accuracy), accuracy, confirm=law_is_right)
+    largest = curve.largest_for(accuracy)
+    if math.isnan(largest):  # runs with so fine a step were too long to be tried
+        largest = min(dt, answer.limit) * _GUESS
+    factor, confirmed = _factor(lab, largest, accuracy, confirm=law_is_right)
     if factor == 0:
-        why = f"no step gives {share(accuracy)}: the least error is {share(min(e for _, e in curve.curve))}"
+        why = f"no step was found that gives {share(accuracy)}"
     return replace(answer, outcome=Outcome.FAIL, factor=factor, confirmed=confirmed, why=why)
 
 
@@ -157,7 +162,7 @@ def _factor(lab: Laboratory, largest: float, accuracy: float, *, confirm: bool) 
             runs += 1
             if runs == _CONFIRMED:
                 break
-        least = 1.1 * factor
+        least = 1.2 * factor
     return 0, math.nan
 
 

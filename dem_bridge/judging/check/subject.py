@@ -11,6 +11,7 @@ from typing import Any
 
 from dem_bridge.backends.base import Resolution, Sampling, unsupported_reason
 from dem_bridge.backends.lammps import LammpsGranular
+from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import SceneError, UnsupportedScene, UsageError
 from dem_bridge.foundation.files import text_of_file
 from dem_bridge.judging.check.edits import Edit, applied, finer, keeps_duration, only_steps
@@ -148,12 +149,19 @@ def _deck_of(scene: Scene, name: str, folder: Path, dt: float | None) -> Subject
     if reason := unsupported_reason(backend, scene):
         raise UnsupportedScene(f"LAMMPS cannot do {scene.name}: {reason}")
     if dt is None:
-        contact = contact_time_of(scene)
-        dt = scene.duration / scene.samples if contact is None else contact / STEPS_OF_CONTACT
+        dt = _default_step(scene)
     for name_of_file, text in deck_files(scene, dt).items():
         (folder / name_of_file).write_text(text, encoding="utf-8")
     path = folder / f"in.{scene.name}"
     return Subject(name=scene.name, path=path, deck=user_deck(path, scene), scene=scene, of_scene=name)
+
+
+def _default_step(scene: Scene) -> float:
+    """Return a fiftieth of the shortest contact time, s; if nothing moves at first, of half a period of a contact."""
+    if (contact := contact_time_of(scene)) is not None:
+        return contact / STEPS_OF_CONTACT
+    frequency = prescan_scene(scene).frequency
+    return math.pi / frequency / STEPS_OF_CONTACT if frequency > 0.0 else scene.duration / scene.samples
 
 
 def deck_files(scene: Scene, dt: float) -> Mapping[str, str]:

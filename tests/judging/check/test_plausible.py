@@ -41,7 +41,7 @@ KINDS = f"set atom 3*5 type 2\nset group all diameter {2 * RADIUS:g}\nset group 
 @pytest.mark.parametrize(
     ("name", "changes", "said"),
     [
-        ("overlap", SOFT, "are stiffness, speed and units right?"),
+        ("overlap", SOFT, "(are stiffness, speed and units right?)"),
         ("step", {"per_contact": 10.0}, "the step is 10 % of the shortest contact time"),
         (
             "exponent",
