@@ -167,7 +167,7 @@ def test_on_paper_open_parts_are_printed_headings_repeat_and_no_sheet_is_shrunk(
     assert sum("arrival (ms)" in sheet for sheet in sheets) >= 3  # 200 rows, about 65 a sheet
     # the abstract and its figure stand on the first sheet, and the appendix begins on one of its own, behind 12 at most
     assert "Question" in sheets[0]
-    assert "time (ms)" in sheets[0]
+    assert "LAMMPS, time step" in sheets[0]
     first = next(nth for nth, sheet in enumerate(sheets) if sheet.strip().startswith("Appendix"))
     assert 2 <= first <= 12
     boxes = _words(pdf, "-bbox")
