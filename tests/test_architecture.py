@@ -286,7 +286,29 @@ def test_every_module_says_what_it_is_for() -> None:
         assert ast.get_docstring(ast.parse(text)), name
 
 
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+
+
 def test_the_rooms_are_those_of_the_documentation() -> None:
-    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    named = re.findall(r"^((?:\w+/? )+) ", text.split("```")[1], re.MULTILINE)
+    named = re.findall(r"^((?:\w+/? )+) ", PAGE.split("```")[1], re.MULTILINE)
     assert [set(line.replace("/", "").split()) for line in reversed(named)] == [set(rooms) for rooms in ROOMS]
+
+
+def _row(room: str) -> str:
+    """Return the line of a room in the table of docs/architecture.md: what it imports directly, from the lowest up."""
+    inner = [name for name in INNER if _part(name) == room]
+    others = {_part(other) for name in inner for other in _ours(name) - {"dem_bridge"}} - {room}
+    order = [name for rooms in ROOMS for name in rooms]
+    return f"| {room} | {' '.join(sorted(others, key=order.index)) or 'none'} |"
+
+
+@pytest.mark.parametrize("room", FLOOR_OF)
+def test_the_documentation_says_what_a_room_imports(room: str) -> None:
+    assert re.findall(rf"^\| {room} \|.*$", PAGE, re.MULTILINE) == [_row(room)]
+
+
+def test_every_module_that_the_documentation_names_exists() -> None:
+    rooms = "|".join(FLOOR_OF)
+    named = set(re.findall(rf"`((?:{rooms})/[\w/.]+)`", PAGE))
+    assert len(named) > 40
+    assert {path for path in named if not any((PACKAGE / f"{path}{end}").exists() for end in ("", ".py"))} == set()
