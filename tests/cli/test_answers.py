@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from dem_bridge.cli.group import _step_lines, _summary
 from dem_bridge.errors import RunBroken
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import Study, Table
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.command_line import assert_one_line, run_here
 from tests.helpers.fake_runs import CHAIN
 
@@ -81,13 +81,20 @@ def test_a_verification_ends_with_error_cause_counts_and_page(tmp_path: Path) ->
     assert more.stdout.splitlines()[-len(lines) :] == lines
 
 
-def test_what_double_precision_excludes_is_refused_at_once(tmp_path: Path) -> None:
-    for words in (("run", "decelerating-40"), ("plan", "decelerating-40"), ("verify", "decelerating-40")):
-        began = time.process_time()
-        done = run_here(*words, "--accuracy", "1e-15", cwd=tmp_path)
+def test_what_double_precision_excludes_is_refused_before_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: Trajectory) -> None:
+        raise AssertionError("a run was made")
+
+    monkeypatch.setattr(Trajectory, "__post_init__", fail)
+    for command in ("run", "plan", "verify"):
+        done = run_here(command, "decelerating-40", "--accuracy", "1e-15", cwd=tmp_path)
         assert done.returncode == 2
         assert_one_line(done, "cannot be reached: double precision", "allowed: at least 2e-15")
-        assert time.process_time() - began < 5.0
+    # planted: an accuracy that is looked for needs a run
+    with pytest.raises(AssertionError, match="a run was made"):
+        run_here("plan", "homogeneous-spheres", "--accuracy", "1e-3", cwd=tmp_path)
 
 
 def test_a_run_says_what_is_plausible() -> None:

@@ -342,15 +342,15 @@ def test_a_study_is_written_as_page_json_tables_and_figures(tmp_path: Path) -> N
 
 def _parts(page: str) -> list[str]:
     """Return the parts of a study's page in their order."""
-    marks = {"picture": '<section id="picture"', "answer": 'id="answer"', "further": 'id="further"'}
+    marks = {"picture": 'id="picture"', "answer": 'id="answer"', "further": 'id="further"'}
     marks |= {"measured": 'id="measured"', "tables": 'id="tables"'}
     return sorted((part for part in marks if marks[part] in page), key=lambda part: page.index(marks[part]))
 
 
-ORDER = ["picture", "answer", "further", "measured", "tables"]
+ORDER = ["answer", "picture", "further", "tables", "measured"]
 
 
-def test_a_page_has_figure_answer_in_two_sentences_method_and_folded_tables_in_this_order(tmp_path: Path) -> None:
+def test_a_page_has_the_answer_in_two_sentences_figure_folded_tables_and_method_in_this_order(tmp_path: Path) -> None:
     study = replace(small(), answer=("First.", "Second.", "Third."), notes=("By counting.",))
     write_study(study, tmp_path)
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
@@ -358,9 +358,10 @@ def test_a_page_has_figure_answer_in_two_sentences_method_and_folded_tables_in_t
     answer = page[page.index('id="answer"') : page.index("</ol>")]
     assert (answer.count("<li>"), "Third." in page) == (2, True)
     assert '<details class="part" id="table-numbers"><summary>' in page  # folded until it is opened
-    # planted: the figure after the tables, as it stood before
-    first, second = page.index('<section id="picture"'), page.index('<ol class="answer"')
-    assert _parts(page[:first] + page[second:] + page[first:second]) != ORDER
+    # planted: the answer behind the figures
+    first, second = page.index('<ol class="answer"'), page.index('<section id="figures"')
+    end = page.index("</section>", second)
+    assert _parts(page[:first] + page[second:end] + page[first:second] + page[end:]) != ORDER
 
 
 @pytest.mark.usefixtures("made_up")
