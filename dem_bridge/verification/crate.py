@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.verification import Verification
 
 #: the file of a crate
@@ -32,11 +33,20 @@ _ACTION, _PROGRAM, _LAMMPS = "#verification", "#dem_bridge", "#lammps"
 
 def crate(verification: Verification, files: Mapping[str, str | bytes]) -> str:
     """Return the content of ``ro-crate-metadata.json`` for the files of a report by name."""
-    versions, lammps = verification.provenance["versions"], verification.provenance["lammps"]
-    end = verification.provenance["date"].replace(" UTC", "Z").replace(" ", "T")
     scenes = {f"#scene-{study.scene.name}": study.scene for study in verification.studies}
-    programs = [_PROGRAM, *([_LAMMPS] if lammps else [])]
-    entities: list[dict[str, Any]] = [
+    entities = [
+        *_report(verification, files),
+        _action(verification, list(scenes), list(files)),
+        *_programs_and_sources(verification),
+        *(_scene(name, scene) for name, scene in scenes.items()),
+        *(_file(name, content) for name, content in files.items()),
+    ]
+    return json.dumps({"@context": _CONTEXT, "@graph": entities}, indent=1, ensure_ascii=False) + "\n"
+
+
+def _report(verification: Verification, names: Iterable[str]) -> list[dict[str, Any]]:
+    """Return the entities of the crate itself and of the folder that it describes, which has files of these names."""
+    return [
         {
             "@id": NAME,
             "@type": "CreativeWork",
@@ -48,30 +58,41 @@ def crate(verification: Verification, files: Mapping[str, str | bytes]) -> str:
             "@type": "Dataset",
             "name": verification.title,
             "description": _description(verification),
-            "datePublished": end[:10],
+            "datePublished": _end(verification)[:10],
             "license": {"@id": "https://spdx.org/licenses/MIT"},
             "conformsTo": {"@id": _CONFORMS[1]},
-            "hasPart": [{"@id": name} for name in files],
+            "hasPart": _references(names),
             "mentions": [{"@id": _ACTION}],
             "citation": {"@id": _PAPER},
         },
-        {
-            "@id": _ACTION,
-            "@type": "CreateAction",
-            "name": "dem-bridge verify paper",
-            "endTime": end,
-            "instrument": {"@id": _PROGRAM},
-            "object": [{"@id": name} for name in scenes],
-            "result": [{"@id": name} for name in files],
-            "description": f"accuracy {verification.accuracy:g}, wall time {verification.wall:.1f} s",
-        },
+    ]
+
+
+def _action(verification: Verification, scenes: Iterable[str], files: Iterable[str]) -> dict[str, Any]:
+    """Return the entity of the verification, which made the files from the scenes; both are identifiers."""
+    return {
+        "@id": _ACTION,
+        "@type": "CreateAction",
+        "name": "dem-bridge verify paper",
+        "endTime": _end(verification),
+        "instrument": {"@id": _PROGRAM},
+        "object": _references(scenes),
+        "result": _references(files),
+        "description": f"accuracy {verification.accuracy:g}, wall time {verification.wall:.1f} s",
+    }
+
+
+def _programs_and_sources(verification: Verification) -> list[dict[str, Any]]:
+    """Return the entities of the programs, the license, the profile and the paper; LAMMPS is the last, if it ran."""
+    versions, lammps = verification.provenance["versions"], verification.provenance["lammps"]
+    entities: list[dict[str, Any]] = [
         {
             "@id": _PROGRAM,
             "@type": "SoftwareApplication",
             "name": "dem_bridge",
             "softwareVersion": versions["dem_bridge"],
             "url": {"@id": "#codemeta"},
-            "softwareRequirements": [{"@id": name} for name in programs[1:]],
+            "softwareRequirements": _references([_LAMMPS] if lammps else []),
             "runtimePlatform": ", ".join(f"{name} {value}" for name, value in versions.items() if name != "dem_bridge"),
         },
         {"@id": "#codemeta", "@type": "CreativeWork", "name": "codemeta.json of the project"},
@@ -94,18 +115,28 @@ def crate(verification: Verification, files: Mapping[str, str | bytes]) -> str:
                 "url": "https://www.lammps.org",
             }
         )
-    entities += [
-        {
-            "@id": name,
-            "@type": "CreativeWork",
-            "name": scene.name,
-            "description": scene.description,
-            "identifier": f"sha256:{scene.content_hash}",
-        }
-        for name, scene in scenes.items()
-    ]
-    entities += [_file(name, content) for name, content in files.items()]
-    return json.dumps({"@context": _CONTEXT, "@graph": entities}, indent=1, ensure_ascii=False) + "\n"
+    return entities
+
+
+def _scene(name: str, scene: Scene) -> dict[str, Any]:
+    """Return the entity of a scene under an identifier."""
+    return {
+        "@id": name,
+        "@type": "CreativeWork",
+        "name": scene.name,
+        "description": scene.description,
+        "identifier": f"sha256:{scene.content_hash}",
+    }
+
+
+def _references(names: Iterable[str]) -> list[dict[str, str]]:
+    """Return references to entities by their identifiers."""
+    return [{"@id": name} for name in names]
+
+
+def _end(verification: Verification) -> str:
+    """Return when the verification ended, in the form of ISO 8601."""
+    return str(verification.provenance["date"]).replace(" UTC", "Z").replace(" ", "T")
 
 
 def _description(verification: Verification) -> str:

@@ -121,9 +121,14 @@ def study_horizon(
         halved=halved if halved is not None and halved.complete else None,
         contact_time=contact_time_of(scene) or math.nan,
     )
-    created = verdicts(result)
+    return _study(result, lmp, {"perturbations": perturbations, "seed": seed})
+
+
+def _study(result: runs.Found, lmp: Result, settings: dict[str, int]) -> Study:
+    """Return the study of what was found; ``settings`` are those that its provenance adds to the time step."""
+    scene, created = result.scene, verdicts(result)
     not_run = () if lmp.failure is None else (TEXTS("engine", failure=lmp.failure),)
-    settings = {"dt": plan.step, "steps": long.steps, "perturbations": perturbations, "seed": seed}
+    stepped = {"dt": result.plan.step, "steps": result.long.steps}
     return TEXTS.study(
         {"scene": scene.name},
         answer=tuple(answer(result, created)),
@@ -132,7 +137,7 @@ def study_horizon(
         verdicts=created,
         notes=(*not_run, *TEXTS.notes()),
         interrupted=result.halved is None,
-        provenance={"scene": scene.name, "scene_hash": scene.content_hash, **settings},
+        provenance={"scene": scene.name, "scene_hash": scene.content_hash, **stepped, **settings},
     )
 
 
