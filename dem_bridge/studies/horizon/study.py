@@ -211,6 +211,6 @@ def _stages(progress: Progress | None, sizes: tuple[float, ...]) -> list[Progres
     report, whole = progress, sum(sizes)
 
     def stage(before: float, size: float) -> Progress:
-        return lambda done, total, label: report((before + size * done / total) / whole, 1, label)
+        return lambda done, total, label: report((before + size * (done / total)) / whole, 1, label)
 
     return [stage(sum(sizes[:nth]), size) for nth, size in enumerate(sizes)]
