@@ -1,19 +1,20 @@
 """The guests of the package, by name: studies, the verification of the paper, and the reduction of a scene.
 
-``dem_bridge/studies/catalogue.json`` lists those of this package; without the folder there are none, and everything
-else works. The file and not the installation is read, so that a checkout needs no new installation for a new study.
-A module is imported only when its function is called.
+A study of this package is the function ``study_NAME`` of ``studies/NAME.py`` or ``studies/NAME/study.py``, and its
+summary is the first line of the docstring. Both are read in the text of the module, which is imported only when its
+function is called. ``studies/catalogue.json`` lists the other guests. Without the folder there are none, and
+everything else works.
 
 A study is a function ``(scene, *, engine, jobs, progress, store, **settings) -> Study`` that takes those of these
-parameters that it uses. Its signature and the "Parameters" section of its docstring are all that
-:func:`dem_bridge.study` and the command line know of it. To add a study, write a module with that function and an
-entry in the file, whose summary is the first line of the docstring.
+parameters that it uses. Its signature and its docstring are all that :func:`dem_bridge.study` and the command line
+know of it.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -31,8 +32,38 @@ class Entry(NamedTuple):
     summary: str
 
 
-_FILE = Path(__file__).parents[1] / "studies" / "catalogue.json"
+_FOLDER = Path(__file__).parents[1] / "studies"
+_FILE = _FOLDER / "catalogue.json"
 _KINDS = json.loads(_FILE.read_text(encoding="utf-8")) if _FILE.is_file() else {}
+#: the rest of a signature, and the first line of the docstring
+_RETURNS_STUDY = re.compile(r'(?:(?!\) ->).)*\) -> Study:\n    r?"""(.+?)(?:"""|$)', re.MULTILINE | re.DOTALL)
+
+
+def studies_in(folder: Path) -> Mapping[str, Entry]:
+    """Return the studies whose modules are in a folder, in alphabetical order; no module is imported.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the package ``dem_bridge.studies``.
+
+    Returns
+    -------
+    mapping of str to Entry
+        Of the name of each study, with hyphens. A module without the function of its name is no study.
+
+    >>> studies_in(Path(__file__).parents[1] / "studies")["rule-of-thumb"].function
+    'study_rule_of_thumb'
+    """
+    files = {file.stem: file for file in folder.glob("*.py")}
+    files |= {file.parent.name: file for file in folder.glob("*/study.py")}
+    entries = {}
+    for name, file in sorted(files.items()):
+        _, function, text = file.read_text(encoding="utf-8").partition(f"\ndef study_{name}(")
+        if function and (found := _RETURNS_STUDY.match(text)):
+            module = ".".join(("dem_bridge", *file.relative_to(folder.parent).with_suffix("").parts))
+            entries[name.replace("_", "-")] = Entry(module, f"study_{name}", found[1])
+    return MappingProxyType(entries)
 
 
 def _entries(kind: str) -> Mapping[str, Entry]:
@@ -40,7 +71,7 @@ def _entries(kind: str) -> Mapping[str, Entry]:
     return MappingProxyType({name: Entry(**entry) for name, entry in _KINDS.get(kind, {}).items()})
 
 
-STUDIES = _entries("study")
+STUDIES = studies_in(_FOLDER)
 #: verifications of more than the scenes that are named, and functions that find a scene by a study
 VERIFICATIONS, SCENES = _entries("verification"), _entries("scene")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dem_bridge.api.guests import SCENES, STUDIES, VERIFICATIONS, function_of
+from dem_bridge.api.guests import SCENES, STUDIES, VERIFICATIONS, function_of, studies_in
 from tests.helpers.recipes import ROOT
 
 IMPORT_ALL = """
@@ -85,3 +85,22 @@ def test_without_the_studies_what_needs_them_says_so(
 def test_without_the_studies_every_module_is_imported(without_studies: Path) -> None:
     done = _run(without_studies, "-c", IMPORT_ALL)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_study_is_the_function_that_has_the_name_of_its_module(tmp_path: Path) -> None:
+    folder = tmp_path / "studies"
+    (folder / "deep").mkdir(parents=True)
+    texts = {
+        "plain.py": 'def study_plain(\n    *, x: float = f("1"),\n) -> Study:\n    """Measure it.\n\n    More."""\n',
+        "deep/study.py": 'X = 1\n\n\ndef study_deep() -> Study:\n    """Measure (more)."""\n',
+        "helper.py": 'def study_of(rows: int) -> Study:\n    """Return it."""\n',
+        "number.py": 'def study_number() -> int:\n    """Count."""\n\n\ndef g() -> Study:\n    """Return."""\n',
+        "deep/other.py": 'def study_other() -> Study:\n    """Measure."""\n',
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(f"\n{text}", encoding="utf-8")
+    assert {name: tuple(entry) for name, entry in studies_in(folder).items()} == {
+        "deep": ("dem_bridge.studies.deep.study", "study_deep", "Measure (more)."),
+        "plain": ("dem_bridge.studies.plain", "study_plain", "Measure it."),
+    }
+    assert studies_in(tmp_path / "nowhere") == {}

@@ -1,4 +1,4 @@
-"""Read the recipes of docs/inherit.md from the page."""
+"""Read the recipes of docs/inherit.md from the page, with the files that it shows."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent.parent
-PAGE = (ROOT / "docs" / "inherit.md").read_text(encoding="utf-8")
+_SHOWN = re.compile(r"^```\{literalinclude\} (\S+)\n:language: (\w+)\n```$", re.MULTILINE)
+PAGE = _SHOWN.sub(
+    lambda found: f"```{found[2]}\n{(ROOT / 'docs' / found[1]).read_text(encoding='utf-8')}```",
+    (ROOT / "docs" / "inherit.md").read_text(encoding="utf-8"),
+)
 _FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _FORGOTTEN = re.compile(r"Test of this step:\s+`([\w/.]+::\w+)`")
 
@@ -39,13 +43,17 @@ class Block:
         return "".join(f"{line[1:]}\n" for line in self.body.splitlines() if line.startswith("+"))
 
     def patched(self, before: str) -> str:
-        """Return a file's text with the diff; AssertionError unless its old lines stand there once."""
-        lines = [(line[:1] or " ", line[1:]) for line in self.body.splitlines()]
-        old, new = ("".join(f"{line}\n" for mark, line in lines if mark in f" {side}") for side in "-+")
-        assert before.count(old) == 1, (
-            f"docs/inherit.md: these lines are {before.count(old)} times in {self.path}:\n{old}"
-        )
-        return before.replace(old, new)
+        """Return a file's text with the diff, whose parts are separated by a line of three dots.
+
+        AssertionError unless the old lines of each part stand there once."""
+        for part in self.body.split("\n...\n"):
+            lines = [(line[:1] or " ", line[1:]) for line in part.splitlines()]
+            old, new = ("".join(f"{line}\n" for mark, line in lines if mark in f" {side}") for side in "-+")
+            assert before.count(old) == 1, (
+                f"docs/inherit.md: these lines are {before.count(old)} times in {self.path}:\n{old}"
+            )
+            before = before.replace(old, new)
+        return before
 
 
 @dataclass(frozen=True)

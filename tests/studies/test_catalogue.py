@@ -214,6 +214,12 @@ TINY: dict[str, tuple[Scene | None, dict[str, Any]]] = {
 }
 
 
+def _tiny(name: str) -> tuple[Scene | None, dict[str, Any]]:
+    """Return the small case of a study: of the table above, or the constant TINY of the test of the study."""
+    case: tuple[Scene | None, dict[str, Any]] | None = TINY.get(name)
+    return case or importlib.import_module(f"tests.studies.test_{name.replace('-', '_')}").TINY
+
+
 def _words(settings: dict[str, Any]) -> list[str]:
     """Spell settings as options."""
     words = []
@@ -242,7 +248,7 @@ DEEP = (
 def test_every_study_runs_by_name_and_by_command_and_is_written(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene, settings = TINY[name]
+    scene, settings = _tiny(name)
     small_stability(monkeypatch, engine=False)
     monkeypatch.setenv("OMP_WAIT_POLICY", "passive")
     result = db.study(name, scene, folder=tmp_path / "called", **settings)
