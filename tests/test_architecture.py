@@ -46,7 +46,6 @@ ROOMS = (
 #: modules that are named by a text and imported later, or by another process, against the order: each with its reason
 BY_TEXT = {
     ("dem_bridge.verification.replay", "dem_bridge.cli"): "a bundle repeats its verification in a process of its own",
-    ("dem_bridge.trajectory.shown", "dem_bridge.plot"): "a run can be drawn, by figures that are built on runs",
 }
 #: modules of one room that import each other, the second only when it is asked for: a value can show itself
 LATER = {
@@ -77,15 +76,21 @@ def _imports(file: Path) -> tuple[str, ...]:
     return tuple(_imported(file))
 
 
+def _imported_by(node: ast.Import | ast.ImportFrom) -> Iterator[str]:
+    """Yield the dotted names that a statement imports."""
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+        return
+    assert node.level == 0, f"line {node.lineno}: relative import"
+    for alias in node.names:
+        module = f"{node.module}.{alias.name}"
+        yield module if module in MODULES else str(node.module)
+
+
 def _imported(file: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{file}: relative import"
-            for alias in node.names:
-                module = f"{node.module}.{alias.name}"
-                yield module if module in MODULES else str(node.module)
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield from _imported_by(node)
         elif isinstance(node, ast.Constant) and str(node.value).partition(":")[0] in MODULES:
             # import_module, __import__, an entry "module:name" or a constant that is given to one of these later
             yield str(node.value).partition(":")[0]
@@ -149,10 +154,11 @@ def test_no_import_runs_in_a_circle() -> None:
         pytest.fail(f"circle: {' -> '.join(error.args[1])}")
 
 
-def test_the_facade_imports_nothing_but_the_version_before_it_is_asked() -> None:
+def test_the_facade_imports_nothing_but_the_presenters_before_it_is_asked() -> None:
     tree = ast.parse(MODULES["dem_bridge"].read_text(encoding="utf-8"))
-    first = {node.module for node in tree.body if isinstance(node, ast.ImportFrom)}
-    assert {name for name in first if name and name.startswith("dem_bridge")} <= {"dem_bridge.version"}
+    nodes = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    first = {name for node in nodes for name in _imported_by(node)}
+    assert {name for name in first if name.startswith("dem_bridge")} == {"dem_bridge.foundation.presenters"}
 
 
 def test_observables_and_backends_never_import_each_other() -> None:

@@ -24,18 +24,20 @@ PACKAGE = Path(__file__).parents[1]
 #: What is not listed is in the keys of all runs that import it, wherever it lives
 NOT_IN_RUNS = (
     "api", "cli", "ensembles", "formats", "foundation.guests", "foundation.notebook", "foundation.notebook_sketch",
-    "foundation.summary", "judging", "observables.differences", "observables.verdict", "plot", "report", "runs.cache",
-    "runs.campaign", "runs.case", "runs.claims", "runs.code", "runs.costs", "runs.digits", "runs.inspect", "runs.keys",
-    "runs.planning", "runs.recall", "runs.store", "studies", "trajectory.shown", "verification",
+    "foundation.presenters", "foundation.summary", "judging", "observables.differences", "observables.verdict", "plot",
+    "report", "runs.cache", "runs.campaign", "runs.case", "runs.claims", "runs.code", "runs.costs", "runs.digits",
+    "runs.inspect", "runs.keys", "runs.planning", "runs.recall", "runs.store", "studies", "trajectory.shown",
+    "verification",
 )  # fmt: skip
 #: modules, and folders of them, that no number of a study passes through
 NOT_IN_STUDIES = (
     "api", "cli", "formats.tables", "formats.writers", "foundation.notebook", "foundation.notebook_sketch",
-    "foundation.summary", "plot", "report.colours", "report.drawing", "report.drawing_names", "report.drawing_styles",
-    "report.images", "report.live", "report.page", "report.pages", "report.templates", "runs.campaign.cluster",
-    "trajectory.shown", "verification.banner", "verification.bundle", "verification.chains", "verification.crate",
-    "verification.figures", "verification.junit", "verification.motion", "verification.page", "verification.pictures",
-    "verification.regression", "verification.replay", "verification.templates",
+    "foundation.presenters", "foundation.summary", "plot", "report.colours", "report.drawing", "report.drawing_names",
+    "report.drawing_styles", "report.images", "report.live", "report.page", "report.pages", "report.templates",
+    "runs.campaign.cluster", "trajectory.shown", "verification.banner", "verification.bundle", "verification.chains",
+    "verification.crate", "verification.figures", "verification.junit", "verification.motion",
+    "verification.page", "verification.pictures", "verification.regression", "verification.replay",
+    "verification.templates",
 )  # fmt: skip
 #: folder of the rules of uncertainties, and the module there that selects the family or rule of each backend, which the
 #: catalogue names: its imports are those of all backends

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.notebook import picture
+from dem_bridge.foundation.presenters import FIGURES_OF_RUNS, presenter
 from dem_bridge.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: tables of a run, and figures of it: functions of :mod:`dem_bridge.plot`
+#: tables of a run, and figures of it: functions of :mod:`dem_bridge.plot`, which the facade declares
 TABLES, FIGURES = ("bodies", "contacts"), ("spacetime", "velocity", "residence")
-#: the module of the figures, which is built on runs
-_PLOT = "dem_bridge.plot"
 
 
 def table_of_run(run: Trajectory, table: str) -> DataFrame:
@@ -51,7 +49,7 @@ def plot_run(run: Trajectory, figure: str, ax: Any, settings: dict[str, Any]) ->
     """Draw a figure of a run; see :meth:`Trajectory.plot`."""
     if figure not in FIGURES:
         raise UsageError(f"figure = {figure!r}; allowed: {', '.join(map(repr, FIGURES))}")
-    return getattr(import_module(_PLOT), figure)(run, ax=ax, **settings)
+    return getattr(presenter(FIGURES_OF_RUNS), figure)(run, ax=ax, **settings)
 
 
 def picture_of_run(run: Trajectory) -> str:
