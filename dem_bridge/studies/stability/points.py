@@ -71,6 +71,8 @@ class Measured:
     """rad/s: highest of one contact between its two bodies."""
     mode: float
     """rad/s: highest of all contacts together."""
+    deepest: float
+    """m: largest overlap of the prescan."""
     scale: float
     """J: the most that is in motion."""
 
@@ -89,23 +91,22 @@ def families(points: int) -> tuple[Family, ...]:
 
 def chain(name: str, mass: tuple[float, ...], stiffness: tuple[float, ...], speed: float = SPEED) -> Scene:
     """Return a chain in touch, struck by its first body, that lasts until the impact is over."""
-    still = (0.0,) * (len(mass) - 1)
-    scene = Scene(name=name, duration=1.0, mass=mass, stiffness=stiffness, velocity=(speed, *still))
-    return replace(scene, duration=_until_over(scene))
+    velocity, duration = (speed, *(0.0,) * (len(mass) - 1)), _until_over(mass[0], speed, stiffness)
+    return Scene(name=name, duration=duration, mass=mass, stiffness=stiffness, velocity=velocity)
 
 
 def cylinders(angle: float) -> Scene:
     """Return five quartz cylinders of 9 mm at this angle (degrees), struck by a sphere; Hertz' exact law."""
     scene = parse_scene(TEXTS.data["cylinders"].format(angle=angle, speed=SPEED))
-    return replace(scene, duration=_until_over(scene))
+    return replace(scene, duration=_until_over(scene.mass[0], scene.velocity[0], scene.stiffness))
 
 
-def _until_over(scene: Scene) -> float:
+def _until_over(mass: float, speed: float, stiffness: Sequence[float]) -> float:
     """Return six times the time of collisions of two such strikers through each contact, at the striker's speed, s."""
-    masses, speeds = (scene.mass[0],) * 2, (scene.velocity[0], 0.0)
+    masses, speeds = (mass,) * 2, (speed, 0.0)
     return 6.0 * sum(
         two_body_collision(masses=masses, velocities=speeds, stiffness=beta, exponent=2.5).contact_time
-        for beta in scene.stiffness
+        for beta in stiffness
     )
 
 
@@ -117,7 +118,8 @@ def measured(scene: Scene) -> Measured:
     truth = Reference().run(scene, Resolution(), sampling)
     scale = step_limits.in_motion(scene, truth)
     pair, mode = highest_frequencies(scene, truth)
-    return Measured(scene=scene, truth=truth, pair=pair, mode=mode, scale=scale)
+    deepest = float(np.max(prescan.peak_overlap, initial=0.0))
+    return Measured(scene=scene, truth=truth, pair=pair, mode=mode, deepest=deepest, scale=scale)
 
 
 def stable_at(result: Measured, allowed: float) -> tuple[Limit, float]:
@@ -166,12 +168,11 @@ def point_of(
     }
 
 
-def engine_on(scene: Scene, engine: Engine | None) -> Stepper | None:
+def engine_on(result: Measured, engine: Engine | None) -> Stepper | None:
     """Return LAMMPS on a scene; None where ``pair_style granular`` cannot express it."""
-    if not GRANULAR_STYLE.covers(scene):
+    if not GRANULAR_STYLE.covers(result.scene):
         return None
-    deepest = float(np.max(prescan_scene(scene).peak_overlap, initial=0.0))
-    chosen, radius = backend(GRANULAR, engine), ROOM * surrogate_radius(deepest)
+    chosen, radius = backend(GRANULAR, engine), ROOM * surrogate_radius(result.deepest)
 
     def run(scene: Scene, plan: Schedule, wider: float) -> Trajectory:
         resolution = Resolution(dt=plan.step, surrogate_radius=radius)
@@ -268,11 +269,11 @@ def measure(
         for i, value in enumerate(family.values.tolist()):
             yield f"{family.id} = {value:.3g}"
             item = measured(family.scene_at(value))
-            lmp = engine_on(item.scene, engine) if has_engine and i in some else None
+            lmp = engine_on(item, engine) if has_engine and i in some else None
             result.points.append(point_of(item, family=family.id, value=value, allowed=gain, engine=lmp))
     yield scene.name
     whole = measured(scene)
-    lmp = engine_on(scene, engine) if has_engine else None
+    lmp = engine_on(whole, engine) if has_engine else None
     if has_engine and lmp is None:
         result.notes.append(f"LAMMPS was not run on {scene.name}: {GRANULAR_STYLE.unsupported_reason(scene)}.")
     point = point_of(whole, allowed=gain, engine=lmp)

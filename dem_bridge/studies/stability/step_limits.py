@@ -183,13 +183,16 @@ def stable_step(
     """
     available = (PHASES if struck(scene) else (0.0,)) if phases is None else phases
 
-    def deciding(dt: float) -> float | None:
-        return next((p for p in available if gain_of(stepper, scene, dt, p, scale) > allowed), None)
+    decides: dict[float, float] = {}
 
-    result = largest_step(lambda dt: deciding(dt) is None, start, **search)
-    phase = deciding(result.bad)
-    assert phase is not None  # it was bad
-    return result, phase
+    def is_good(dt: float) -> bool:
+        phase = next((p for p in available if gain_of(stepper, scene, dt, p, scale) > allowed), None)
+        if phase is not None:
+            decides[dt] = phase
+        return phase is None
+
+    result = largest_step(is_good, start, **search)
+    return result, decides[result.bad]
 
 
 def velocity_error(stepper: Stepper, scene: Scene, truth: Trajectory, dt: float, phase: float = 0.0) -> float:

@@ -24,6 +24,11 @@ SCENE = chain("three", (1e-2,) * 3, (4e9,) * 2)
 PAIR_MODE, MODE, STABLE = 1e6, 2e6, 1.25e-6
 
 
+def _measured(scene: Scene) -> Measured:
+    """Return a scene with made-up frequencies."""
+    return Measured(scene=scene, truth=made_up(PAIR), pair=PAIR_MODE, mode=MODE, deepest=1e-6, scale=1.0)
+
+
 def _made_up_limits(monkeypatch: pytest.MonkeyPatch, *, engine: float) -> None:
     """Let LAMMPS have ``engine`` times the limit of the twin, which falls by a tenth for each decade of less growth."""
 
@@ -41,8 +46,7 @@ def _made_up_limits(monkeypatch: pytest.MonkeyPatch, *, engine: float) -> None:
         return Trap(backend=backend, dt=dt, velocity=dt * 1e5, last=dt * 1e4, momentum=1e-15, kinetic=1e-6, energy=0.0)
 
     monkeypatch.setattr(stability, "families", lambda count: points.families(count)[::3])
-    monkeypatch.setattr(points, "measured", lambda scene: Measured(
-        scene=scene, truth=made_up(PAIR), pair=PAIR_MODE, mode=MODE, scale=1.0))  # fmt: skip
+    monkeypatch.setattr(points, "measured", _measured)
     monkeypatch.setattr(points, "require", lambda *_: None)
     monkeypatch.setattr(points, "engine_on", lambda scene, _: lammps if engine else None)
     monkeypatch.setattr(points, "stable_step", stable_step)
@@ -100,4 +104,4 @@ def test_another_limit_of_lammps_fails_and_a_scene_without_it_is_a_note(monkeypa
 
 
 def test_a_scene_that_granular_cannot_express_has_no_engine() -> None:
-    assert engine_on(replace(SCENE, exponent=3.0), None) is None
+    assert engine_on(_measured(replace(SCENE, exponent=3.0)), None) is None

@@ -156,6 +156,18 @@ def test_accuracy_follows_second_order(pair: Measured) -> None:
     assert math.log10(limits[0] / limits[1]) == pytest.approx(1.0, abs=0.1)
 
 
+def test_the_search_runs_no_step_and_phase_twice(pair: Measured) -> None:
+    runs: list[tuple[float, float]] = []
+
+    def counted(scene: Scene, plan: Schedule, wider: float) -> Motion:
+        runs.append((plan.step, wider))
+        return twin(scene, plan, wider)
+
+    limit, phase = stable_step(counted, PAIR, start=3.0 / pair.mode, scale=pair.scale, allowed=1.0)
+    assert len(runs) == len(set(runs))
+    assert gain_of(twin, PAIR, limit.bad, phase, pair.scale) > 1.0
+
+
 def test_nothing_in_motion_is_said_in_one_line() -> None:
     with pytest.raises(UsageError, match="nothing moves in pair"):
         measured(replace(PAIR, velocity=(0.0, 0.0)))
@@ -164,7 +176,7 @@ def test_nothing_in_motion_is_said_in_one_line() -> None:
 @pytest.mark.lammps
 def test_lammps_breaks_where_the_twin_does(pair: Measured) -> None:
     limit, phase = stable_step(twin, PAIR, start=3.0 / pair.mode, scale=pair.scale, allowed=1.0)
-    lmp = engine_on(PAIR, None)
+    lmp = engine_on(pair, None)
     assert lmp is not None
     assert gain_of(lmp, PAIR, limit.good, phase, pair.scale) <= 1.0 < gain_of(lmp, PAIR, limit.bad, phase, pair.scale)
     for dt in (limit.good, limit.bad):

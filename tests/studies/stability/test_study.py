@@ -67,7 +67,7 @@ def test_what_was_finished_is_there_when_it_is_stopped(monkeypatch: pytest.Monke
 @pytest.mark.lammps
 def test_lammps_has_the_twins_limit_and_another_limit_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     pair = measured(chain("pair", (1e-2,) * 2, (4e9,)))
-    lmp = engine_on(pair.scene, None)
+    lmp = engine_on(pair, None)
     assert lmp is not None
     point = point_of(pair, allowed=1.0, engine=lmp)
     assert stability._agreement(point).outcome is Outcome.PASS
