@@ -232,6 +232,7 @@ def test_the_example_of_a_field_changes_few_files_and_no_backend_that_refuses_it
         if block.path in changed:
             file = tmp_path / block.path
             file.write_text(block.patched(file.read_text(encoding="utf-8")), encoding="utf-8")
+            assert len(file.read_text(encoding="utf-8").splitlines()) <= 500, block.path
     # interpreted: to compile the changed kernels would take longer than these few steps
     environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": "1"}
     words = [sys.executable, "-m", "pytest", "-q", "-c", os.devnull, "-p", "no:cacheprovider", "test_magnet.py"]

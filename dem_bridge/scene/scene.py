@@ -201,8 +201,7 @@ class Scene:
             if not isinstance(part := getattr(self, name), kind | None):
                 raise SceneError(name, value=part, allowed=f"a {kind.__name__} or None")
         for side in ("wall_left", "wall_right"):
-            wall: Wall | None = getattr(self, side)
-            if wall is None:
+            if (wall := getattr(self, side)) is None:
                 continue
             wall = replace(wall, exponent=np.append(self.exponent, 2.5)[0] if wall.exponent is None else wall.exponent)
             check_fields(wall, _WALL, f"{side}.")
@@ -226,13 +225,11 @@ class Scene:
 
     def _checked_adhesion(self) -> Adhesion | None:
         """Return the adhesion with one pull-off force per contact."""
-        adhesion = self.adhesion
-        if adhesion is None:
+        if (adhesion := self.adhesion) is None:
             return None
         if not isinstance(adhesion.law, str) or adhesion.law not in ADHESION_LAWS:
             raise SceneError("adhesion.law", value=adhesion.law, allowed=" or ".join(ADHESION_LAWS))
-        key, per = "adhesion.pull_off", "contact, walls included"
-        allowed = "a number >= 0 (N)"
+        key, per, allowed = "adhesion.pull_off", "contact, walls included", "a number >= 0 (N)"
         pull_off = checked_numbers(key, adhesion.pull_off, allowed, count=self.n_contact, per=per, at_least=0.0)
         for other in ("precompression", "law"):
             if getattr(self, other):
@@ -249,9 +246,8 @@ class Scene:
 
     def _check_drive(self) -> None:
         """Raise SceneError unless the drive lasts as long as the scene."""
-        drive = self.drive
         # the last value may lie at the end of the run, up to two roundings
-        if drive is not None and drive.end < self.duration * (1.0 - 1e-9):
+        if (drive := self.drive) is not None and drive.end < self.duration * (1.0 - 1e-9):
             problem = f"ends at {drive.end:.9g} s ({drive.words})"
             allowed = f"values up to the duration, {self.duration:.9g} s"
             raise SceneError("drive.force", problem=problem, allowed=allowed)
