@@ -265,7 +265,7 @@ def test_a_study_prints_its_answer_and_its_tables_and_says_where_it_is_written(
     monkeypatch.setenv("DEM_BRIDGE_STORE", str(tmp_path / "store"))
     (tmp_path / "crossed.toml").write_text(CROSSED_FILE)
     words = ("study", "scatter", "crossed.toml", "--count", "3", "--spread", "0.5", "--seed", "4", "-j", "1")
-    done = run_here(*words, "-o", "found", cwd=tmp_path)
+    done = run_here(*words, "-v", "-o", "found", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     written = json.loads((tmp_path / "found/scatter.json").read_text())
     shown = " ".join(done.stdout.split())

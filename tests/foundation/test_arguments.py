@@ -24,7 +24,7 @@ BALL = db.Body(shape="sphere", radius=9e-3, material=db.Material(youngs_modulus=
 #: arguments that functions require
 REQUIRED: dict[str, Any] = {
     "scene": PAIR, "accuracy": 0.5, "vary": {"mass": 0.1}, "run": RUN, "reference": RUN, "table": "bodies",
-    "path": "missing", "folder": "missing", "source": "decelerating-40",
+    "path": "missing", "file": "decelerating-40", "folder": "missing", "source": "decelerating-40",
     "name": "scope", "duration": 1e-4, "bodies": (BALL, BALL),
     "dt": [2.0, 1.0], "error": [4.0, 1.0], "stiffness": 6e9, "radius": 9e-3,
     "youngs_modulus": 7e10, "poissons_ratio": 0.2,

@@ -13,6 +13,7 @@ import dem_bridge as db
 from dem_bridge.errors import NotAsymptotic, UsageError
 from dem_bridge.observables import accuracy
 from dem_bridge.observables.accuracy import (
+    FINEST_ACCURACY,
     MOST_ORDER,
     checked_accuracy,
     grid_convergence_index,
@@ -111,8 +112,14 @@ def test_an_accuracy_is_a_number_between_0_and_1_and_neither_of_them(value: obje
 
 
 def test_accuracies_next_to_0_and_1_are_allowed() -> None:
-    least, most = 5e-324, math.nextafter(1.0, 0.0)
+    least, most = FINEST_ACCURACY, math.nextafter(1.0, 0.0)
     assert (checked_accuracy(least), checked_accuracy(most)) == (least, most)
+
+
+@pytest.mark.parametrize("value", [5e-324, 1e-16, math.nextafter(FINEST_ACCURACY, 0.0)])
+def test_an_accuracy_that_double_precision_excludes_is_refused(value: float) -> None:
+    with pytest.raises(UsageError, match="cannot be reached: double precision"):
+        checked_accuracy(value)
 
 
 # Richardson

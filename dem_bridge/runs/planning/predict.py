@@ -92,7 +92,7 @@ class Outlook:
     def cost(self, name: str, setting: float = math.nan) -> float:
         """Predict the CPU time of a run without its uncertainty, s."""
         interval = self.scene.duration / self.sampling.count
-        steps = self.sampling.count * max(1.0, interval / setting)
+        steps = self.sampling.count * (max(1.0, interval / setting) if setting > 0.0 else 1.0)  # 0: not a fixed step
         resolving = interval * self.prescan.frequency / PHASE_PER_DENSE_SAMPLE
         return predicted_cost(
             name,

@@ -656,7 +656,7 @@ def test_a_long_number_does_not_take_its_memory_for_every_number(text: str, tmp_
 def test_lines_values_and_characters_together_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "table").write_text("t,v0,v1\n" + "0,0,0\n" * 21)
     for name, problem in {
-        "source.MOST_LINES": "more than 20 lines",
+        "read.MOST_LINES": "more than 20 lines",
         "tables._MOST_VALUES": "more than 20 values",
         "digits._MOST_CHARACTERS": "has 21 numbers of up to 1 characters",
     }.items():
