@@ -125,12 +125,12 @@ def test_kernels_that_have_inlined_a_changed_one_are_compiled_again() -> None:
 import sys
 sys.path[:0] = [".ci", "."]
 import faults
-from dem_bridge.ensembles import lanes, touch
+from dem_bridge.ensembles import lanes
 from dem_bridge.judging import kernels
 live = faults.Live()
-print(sorted({f"{kernel.__module__}.{kernel.__name__}" for kernel in live.callers([touch.law_power])}))
+print(sorted({f"{kernel.__module__}.{kernel.__name__}" for kernel in live.callers([lanes.law_power])}))
 print(len(live.callers([])), [kernel.__name__ for kernel in live.callers([lanes.march])])
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    names = ("lanes._fill", "lanes.march", "touch.law_power", "touch.touch_defect")
+    names = ("lanes._fill", "lanes.law_power", "lanes.march", "lanes.touch_defect")
     assert done.stdout == f"{[f'dem_bridge.ensembles.{name}' for name in names]}\n0 ['march']\n"

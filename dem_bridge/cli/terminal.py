@@ -134,15 +134,21 @@ def print_study(study: Study, verbose: bool = False) -> None:
     """
     if verbose:
         _print_tables(study.tables)
-        for note in study.notes:
-            _say(f"note: {note}")
     elif study.tables:
         _say(f"{len(study.tables)} tables, {len(study.notes)} notes (-v prints them, -o writes them)")
+    _print_notes(study, verbose)
     for line in _not_passed(study.verdicts):
         _say(line)
     for sentence in study.answer:
         _say(f"* {sentence}")
     _print_counts(study)
+
+
+def _print_notes(study: Study, verbose: bool) -> None:
+    """Print notes; without ``verbose`` only those on a store that keeps nothing: a second call takes as long."""
+    for note in study.notes:
+        if verbose or note.startswith("store: "):
+            _say(f"note: {note}")
 
 
 def print_verification(verification: Verification, verbose: bool = False) -> None:
@@ -155,8 +161,9 @@ def print_verification(verification: Verification, verbose: bool = False) -> Non
 
     if verbose:
         _print_tables(verification.tables)
-        for line in (*(f"note: {note}" for note in verification.notes), *_not_passed(verification.verdicts)):
-            _say(line)
+    _print_notes(verification, verbose)
+    for line in _not_passed(verification.verdicts) if verbose else ():
+        _say(line)
     reasons: dict[str, int] = {}
     banners = [banner_of(study, verification.accuracy) for study in verification.studies]
     several = len(banners) > _MOST_SCENES

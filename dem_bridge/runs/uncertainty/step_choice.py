@@ -69,7 +69,8 @@ def step_for_accuracy(
         chosen = replace(resolution, dt=dt)
         run = solve(Case(scene=scene, backend=by, resolution=chosen, sampling=sampling), trial)
         scale = float(abs(run.velocity).max())
-        uncertainty = relative_size(run.uncertainty.velocity, scale)
+        # where nothing moves, no step is better than another
+        uncertainty = relative_size(run.uncertainty.velocity, scale) if scale > 0.0 else 0.0
         if uncertainty <= accuracy:
             if cache is not None:
                 cache.adopt(trial)
