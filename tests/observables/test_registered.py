@@ -45,7 +45,7 @@ def _table(study: db.Study, id: str) -> Table:
 
 @pytest.mark.lammps
 def test_verify_judges_and_lists_it_in_text_json_table_and_page(file: Path, tmp_path: Path) -> None:
-    done = run_here("verify", "small.toml", "--accuracy", "1e-4", "-j", "1", "-o", "report", cwd=tmp_path)
+    done = run_here("verify", "small.toml", "--accuracy", "1e-4", "-j", "1", "-v", "-o", "report", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     # on narrow terminals the name of the observable goes on below
     line = re.search(r"^mean(?: velocity)? +([\d.]+) +m/s +(\S+) +(\S+) +(\S+)", done.stdout, re.MULTILINE)
