@@ -138,7 +138,7 @@ _TYPES: dict[str, Any] = {
 @cache
 def _table() -> dict[str, dict[str, dict[str, Any]]]:
     """Return the contents of ``options.json``."""
-    return json.loads(Path(__file__).with_name("options.json").read_text(encoding="utf-8"))  # type: ignore[no-any-return]
+    return dict(json.loads(Path(__file__).with_name("options.json").read_text(encoding="utf-8")))
 
 
 def parameters(command: str) -> list[click.Parameter]:

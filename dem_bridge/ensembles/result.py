@@ -76,10 +76,11 @@ class Ensemble:
     def _shown_quantiles(self) -> list[tuple[str, str, str, str]]:
         """Return name, 5 %, median and 95 % of each observable that has one value a chain."""
         names = [name for name, values in self.values.items() if values.ndim == 1]
-        return [
-            (name.replace("_", " "), *(quantity(float(part), _UNITS[name], 4) for part in self.quantiles(name)))  # type: ignore[misc]
-            for name in names
-        ]
+        rows = []
+        for name in names:
+            low, median, high = (quantity(float(part), _UNITS[name], 4) for part in self.quantiles(name))
+            rows.append((name.replace("_", " "), low, median, high))
+        return rows
 
     @property
     def agreement(self) -> str:
