@@ -102,7 +102,8 @@ def schema(force: bool, output: Path | None = None) -> None:
 def deck(script: Path, output: Path, force: bool, variables: tuple[tuple[str, str], ...], **settings: Any) -> None:
     """Convert SCRIPT, a LAMMPS input script in which every body is a sphere on one line."""
     from dem_bridge.api.scenes import deck_read
-    from dem_bridge.lmp.known_defects import known_defects, mixing_warning, stated_release
+    from dem_bridge.lmp.known_defects import known_defects
+    from dem_bridge.lmp.mixing import mixing_warning, stated_release
 
     check_new(output, force)
     read = deck_read(script, variables=dict(variables), **settings)

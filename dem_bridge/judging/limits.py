@@ -17,7 +17,8 @@ from dem_bridge.foundation.numbers import whole_number
 from dem_bridge.judging.deck import DeckRun, UserDeck, differences
 from dem_bridge.judging.error import FileErrors
 from dem_bridge.judging.stated import changed
-from dem_bridge.lmp.known_defects import defects_of, mixing_warning
+from dem_bridge.lmp.known_defects import defects_of
+from dem_bridge.lmp.mixing import mixing_warning
 from dem_bridge.lmp.reader.deck import UNITS
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene

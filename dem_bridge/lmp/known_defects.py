@@ -1,19 +1,12 @@
-"""Known differences of LAMMPS releases: results that are wrong without a message, and another mixing of coefficients.
-
-The defects are in ``known_defects.toml``. Releases mix the coefficients of pairs of types without a line of their own
-differently.
-"""
+"""Known defects of LAMMPS releases: results that are wrong without a message. They are in ``known_defects.toml``."""
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-
-from dem_bridge.lmp import log
 
 _FILE = Path(__file__).with_name("known_defects.toml")
 
@@ -108,51 +101,3 @@ def defects_between(old: int, new: int) -> str:
     parts = (("mended", was, now), ("new", now, was))
     listed = ((word, ", ".join(name for name in some if name not in other)) for word, some, other in parts)
     return "; ".join(f"{word}: {names}" for word, names in listed if names)
-
-
-#: first release that mixes the coefficients of ``pair_style granular`` as today: lammps#3807 of June 2023 ended a
-#: second mixing. Measured: 29 Sep 2021 gives other velocities than 22 Jul 2025, and the same if the pair has a line
-MIXES_AS_TODAY = 20230802
-
-
-def stated_release(text: str) -> int:
-    r"""Return the LAMMPS release that a comment of a deck states, such as 20250722; 0 if there is none or several.
-
-    Examples
-    --------
-    >>> stated_release("# for LAMMPS (22 Jul 2025 - Update 1)\nunits si"), stated_release("units si # 2 Aug 2023")
-    (20250722, 0)
-    """
-    comments = re.findall(r"#.*\bLAMMPS\b(.*)", text)
-    releases = {release for comment in comments if (release := log.version(comment))}
-    return releases.pop() if len(releases) == 1 else 0
-
-
-def mixing_warning(commands: Sequence[str], release: int = 0) -> str:
-    """Return a sentence about the pairs that a deck leaves to mixing; '' if the release mixes them as they are read.
-
-    Parameters
-    ----------
-    commands : sequence of str
-        ``pair_coeff`` commands of these pairs.
-    release : int, optional
-        LAMMPS release that runs the deck, such as 20250722; 0: it is not known.
-
-    Examples
-    --------
-    >>> mixing_warning(["pair_coeff 1 2 hertz 2e9 0.0 damping velocity"], 20210929).partition(";")[2]
-    ' write pair_coeff 1 2 hertz 2e9 0.0 damping velocity'
-    >>> mixing_warning(["pair_coeff 1 2 hertz 2e9 0.0 damping velocity"], 20250722)
-    ''
-    """
-    if not commands or release >= MIXES_AS_TODAY:
-        return ""
-    pairs = ", ".join(" ".join(command.split()[1:3]) for command in commands)
-    if release:
-        who = f"LAMMPS {release}, as every release before {MIXES_AS_TODAY}, mixes"
-    else:
-        who = f"LAMMPS releases before {MIXES_AS_TODAY} (that of the deck is not known) mix"
-    return (
-        f"types {pairs} have no pair_coeff, and {who} their coefficients otherwise than read here (lammps#3807);"
-        f" write {'; '.join(commands)}"
-    )

@@ -12,7 +12,8 @@ from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.judging.check.laboratory import Laboratory, LammpsRun
 from dem_bridge.judging.check.words import number, release, share
 from dem_bridge.judging.deck import UserDeck
-from dem_bridge.lmp.known_defects import KnownDefect, defects_of, mixing_warning
+from dem_bridge.lmp.known_defects import KnownDefect, defects_of
+from dem_bridge.lmp.mixing import mixing_warning
 from dem_bridge.observables.verdict import Outcome
 
 #: relative difference of LAMMPS from our code at the same step that only round-off explains, and the multiple of what a
