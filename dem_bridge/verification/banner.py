@@ -81,9 +81,11 @@ def _sentences(study: SceneStudy, judged: Sequence[Verdict], outcome: Outcome) -
         numbers = {"dt": dt, "error": velocity.difference, "allowed": velocity.tolerance, "scale": velocity.scale}
         yield TEXTS(key, outcome=outcome.value, **numbers)
         cause = _cause_of_error(study.budgets[0]) if study.budgets else ""
-        if cause:
+        if cause and not velocity.known_defect:  # the group of its verdicts names a defect
             yield TEXTS("cause", cause=TEXTS.data["names"][cause])
-        steps = [(a, step) for a in ACCURACIES if (step := largest_step(study, a)) is not None]
+        # no step mends a wrong law
+        tried = () if cause == "implementation" else ACCURACIES
+        steps = [(a, step) for a in tried if (step := largest_step(study, a)) is not None]
         if steps:
             yield TEXTS("steps", steps=", ".join(TEXTS("step", accuracy=a, step=words) for a, words in steps))
     elif not judged:

@@ -139,5 +139,9 @@ def test_verify_of_a_scene_that_meets_a_defect_fails_with_its_name(tmp_path: Pat
         words = ["verify", str(tmp_path / "pair.toml"), "--accuracy", "1e-3", "-o", str(tmp_path / "report")]
         done = CliRunner().invoke(main, [*words, "--known-defects", word])
         codes[word] = done.exit_code
-        assert "Known defect tsuji-prefactor: damping tsuji dissipates too little" in " ".join(done.stdout.split())
+        said = " ".join(done.stdout.split())
+        assert "LAMMPS has a known defect, tsuji-prefactor: damping tsuji dissipates too little" in said
+        assert "Write: damping coeff_restitution" in said
+        assert "cheapest step" not in said  # no step mends a wrong law
+        assert "unexplained" not in said
     assert codes == {"fail": 1, "ok": 0}
