@@ -216,7 +216,7 @@ def test_the_front_is_behind_all_and_goes_down_where_the_next_is_paid_for() -> N
 
 
 @pytest.mark.slow
-def test_a_tall_panel_keeps_its_height_under_a_legend_of_many_rows() -> None:
+def test_a_tall_panel_loses_no_height_to_many_names() -> None:
     def height(*, tall: bool, names: int) -> float:
         figure = draw_figure(_figure(*(_panel(at, series=COST[:names], log=True, tall=tall) for at in "ab")))
         FigureCanvasAgg(figure).draw()
@@ -224,7 +224,8 @@ def test_a_tall_panel_keeps_its_height_under_a_legend_of_many_rows() -> None:
 
     low, high, many = height(tall=False, names=2), height(tall=True, names=2), height(tall=True, names=len(COST))
     assert high > 1.5 * low
-    assert many == pytest.approx(high, rel=0.1)  # rows of names are not a whole fifth of an inch
+    # names take no height from a panel (rows are not a whole fifth of an inch); many beside their lines may add some
+    assert many > 0.9 * high
 
 
 def test_the_colours_of_maps_rise_in_lightness_so_that_grey_keeps_their_order() -> None:
