@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from dem_bridge.judging.cause import diagnose
 from dem_bridge.judging.diagnosis import Diagnosis, Fault
 from dem_bridge.judging.error import FileErrors, QuantityErrors, file_errors
 from dem_bridge.judging.kernels import VERLET
+from dem_bridge.judging.keyed import KeyedAnswer
 from dem_bridge.judging.naming import alternative
 from dem_bridge.judging.order import Convergence, convergence
 from dem_bridge.judging.reference import UNITS
@@ -57,12 +58,14 @@ EXPLAINED = Diagnosis(cause="none", evidence="Digits and reference explain all v
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Judgement(Mapping[str, Any]):
+class Judgement(KeyedAnswer):
     """The judgement of one or several files of one scene: a mapping with the keys :data:`KEYS`, all JSON-able.
 
     The keys are attributes, too. Errors, scales and uncertainties are in SI units; the tolerance and ``floor`` are
     relative to the scale.
     """
+
+    answer_keys: ClassVar[tuple[str, ...]] = KEYS
 
     scene: Scene
     files: tuple[FileErrors, ...]
@@ -216,17 +219,6 @@ class Judgement(Mapping[str, Any]):
         """Assumptions in reading and judging the files, as sentences."""
         read = [f"{file.record.name}: {text}" for file in self.files for text in file.record.recognised]
         return [*read, *self.assumed]
-
-    def __getitem__(self, key: str) -> Any:
-        if key not in KEYS:
-            raise KeyError(key)
-        return getattr(self, key)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(KEYS)
-
-    def __len__(self) -> int:
-        return len(KEYS)
 
     def as_json(self) -> dict[str, Any]:
         """Return the keys :data:`KEYS` with JSON types; a number that is not finite becomes null."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from dem_bridge.judging.check.edits import Edit
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer
 from dem_bridge.judging.check.plausible import Plausibility
 from dem_bridge.judging.check.step import StepAnswer
 from dem_bridge.judging.check.words import share
+from dem_bridge.judging.keyed import KeyedAnswer
 from dem_bridge.observables.verdict import Outcome, exit_code, plain
 
 if TYPE_CHECKING:
@@ -45,8 +46,10 @@ class Pictures:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Check(Mapping[str, Any]):
+class Check(KeyedAnswer):
     """The answer of a check: a mapping with the keys :data:`KEYS`, which are attributes, too."""
+
+    answer_keys: ClassVar[tuple[str, ...]] = KEYS
 
     name: str
     title: str
@@ -130,17 +133,6 @@ class Check(Mapping[str, Any]):
         return [f"{line}  # {edit.place}" for edit in self.edits for line in edit.new.splitlines()] or (
             [self.command] if self.command else []
         )
-
-    def __getitem__(self, key: str) -> Any:
-        if key not in KEYS:
-            raise KeyError(key)
-        return getattr(self, key)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(KEYS)
-
-    def __len__(self) -> int:
-        return len(KEYS)
 
     def as_json(self) -> dict[str, Any]:
         """Return the keys :data:`KEYS` with JSON types; a number that is not finite becomes null."""
