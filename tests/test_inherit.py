@@ -29,7 +29,6 @@ from dem_bridge.backends import catalogue
 from dem_bridge.backends.base import BACKENDS, backend
 from dem_bridge.backends.catalogue import Entry
 from dem_bridge.cli import main
-from dem_bridge.observables import registry
 from dem_bridge.runs.costs import evaluations_of
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.runs import BESIDE
@@ -205,10 +204,7 @@ def test_the_example_of_a_backend_runs_within_its_bars(
 def test_the_example_of_an_observable_runs(built: Callable[[str], list[ModuleType]], solved: Solve) -> None:
     modules = built("observable")
     assert _run(modules, solved) == 2
-    added = _diff("observables/registry.py").added()
-    entry = added[added.index("    Observable(") :]
-    [observable] = eval(f"[{entry}]", vars(registry) | vars(modules[0]))
-    with registered(observable):
+    with registered(modules[0].DECLARED[0]):
         table = db.table_of(CROSSED, "observables", backend="verlet", dt=1e-6)
     assert any(note.startswith("centre of mass: largest magnitude at samples, 3.38108e-05 m") for note in table.notes)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_reason
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.observables.forces import contact_force_uncertainty
+from dem_bridge.observables.traces import contact_force_uncertainty
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty.estimate import solve

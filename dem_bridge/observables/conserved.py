@@ -15,6 +15,7 @@ from dem_bridge.observables.interpolate import (
     integrals,
     require_known_forces,
 )
+from dem_bridge.observables.observable import Measured, measured, whole
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
@@ -115,3 +116,36 @@ def work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, float]:
 
     done, uncertainty = integrals(trajectory, power, drive.breaks)
     return done[:, 0], float(uncertainty[0])
+
+
+#: verifications judge their drift, where a scene conserves them
+DECLARED = (
+    measured(
+        lambda scene, run: Measured(*measure_momentum(scene, run)),
+        name="momentum",
+        definition="Total momentum of the bodies at each sample.",
+        unit="kg m/s",
+        axis=("time",),
+        scale=whole("total mass times largest velocity"),
+        follows="velocity",
+    ),
+    measured(
+        lambda scene, run: Measured(*measure_energy(scene, run)),
+        name="energy",
+        definition="Energy of motion, contacts and height at each sample.",
+        unit="J",
+        axis=("time",),
+        scale=whole("most energy in motion, contacts and height"),
+        follows="velocity",
+    ),
+    measured(
+        lambda scene, run: Measured(*measure_energy_less_work(scene, run)),
+        name="energy_less_work",
+        definition="Energy at each sample less the work that the drive has done.",
+        unit="J",
+        axis=("time",),
+        # what a precompressed chain stores is no measure of a small wave
+        scale=whole("most energy in motion and work done"),
+        follows="velocity",
+    ),
+)

@@ -17,7 +17,8 @@ from dem_bridge.errors import UsageError
 from dem_bridge.foundation.numbers import check_number
 from dem_bridge.foundation.summary import summary
 from dem_bridge.observables.errors import reduced, relative_to
-from dem_bridge.observables.registry import Reading, observable_named
+from dem_bridge.observables.observable import Reading
+from dem_bridge.observables.registry import observable_named
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import VOCABULARY, Floats, Trajectory

@@ -14,10 +14,11 @@ from types import MappingProxyType
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.registry import ALL as ALL
-from dem_bridge.observables.registry import Observable, observable_named
-from dem_bridge.observables.registry import Reading as Reading
-from dem_bridge.observables.registry import Window as Window
+from dem_bridge.observables.observable import ALL as ALL
+from dem_bridge.observables.observable import Observable
+from dem_bridge.observables.observable import Reading as Reading
+from dem_bridge.observables.observable import Window as Window
+from dem_bridge.observables.registry import observable_named
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Floats, Trajectory

@@ -1,10 +1,11 @@
-"""Forces of contacts between samples, and the uncertainty of those at samples."""
+"""The first maximal compression of a contact, its force, and the largest force of the run."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from dem_bridge.observables.interpolate import FEWER, NODES, contact_motion, hermite
+from dem_bridge.observables.observable import OWN, Measured, measured, stored
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
@@ -37,23 +38,15 @@ def first_peak_force(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floa
     return elastic, uncertainty + np.abs(elastic - force(FEWER))
 
 
-def contact_force_uncertainty(scene: Scene | None, trajectory: Trajectory) -> Floats:
-    """Return how far contact forces may be off where displacements and velocities are, N, ``(n_t, n_contact)``.
-
-    Both ends of a contact may be off by the uncertainty of the run, on opposite sides. inf without a scene, whose laws
-    are needed for it.
-    """
-    u_x, u_v = (trajectory.uncertainty[name] for name in ("displacement", "velocity"))
-    if scene is None or not np.isfinite((u_x, u_v)).all():
-        return np.full(trajectory.contact_force.shape, np.inf)
-    c, every = scene.contacts, np.arange(scene.n_contact)
-    overlap, closing = contact_motion(scene, trajectory)
-
-    def largest(overlap: Floats, speed: Floats) -> Floats:
-        pressed = np.maximum(overlap, 0.0)
-        return c.force(pressed, every) + c.damping_force(overlap, speed, every)
-
-    speed = np.abs(closing)
-    change = np.abs(largest(overlap + 2.0 * u_x, speed + 2.0 * u_v) - largest(overlap, speed))
-    # adhesion begins with a jump
-    return np.asarray(change + np.where(np.abs(overlap) <= 2.0 * u_x, c.pull_off, 0.0))
+DECLARED = (
+    stored("peak_force", "Largest compressive force of the contact during the run.", OWN),
+    measured(
+        lambda scene, run: Measured(*first_peak_force(scene, run)),
+        name="first_peak_force",
+        definition="Elastic force of the contact at its first maximal compression; a later wave may press harder.",
+        unit="N",
+        axis=("contact",),
+        follows="peak_force",
+    ),
+    stored("crossing_time", "Time of the first maximal compression of the contact.", OWN),
+)

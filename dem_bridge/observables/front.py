@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.interpolate import FEWER, NODES, acceleration, hermite, root_between, spacing
+from dem_bridge.observables.observable import Measured, measured
 from dem_bridge.physics.solitary import solitary_wave
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
@@ -289,3 +290,71 @@ def local_speed_constant(scene: Scene, trajectory: Trajectory) -> SpeedConstant:
         by_force_uncertainty=by_force * (of_speed + half * 0.5 * (of_force[1:] + of_force[:-1])),
         solitary=wave.speed,
     )
+
+
+def _wave_speed(scene: Scene, run: Trajectory) -> Measured:
+    """Return the front speed times the spacing of the bodies; nan for a scene without one."""
+    spacing_of_bodies = np.nan if scene.spacing is None else scene.spacing
+    return Measured(spacing_of_bodies * front_speed(None, run), spacing_of_bodies * front_speed_uncertainty(None, run))
+
+
+DECLARED = (
+    measured(
+        lambda scene, run: Measured(arrival(None, run), arrival_uncertainty(None, run)),
+        name="arrival",
+        definition="Time at which the impulse reaches the body: the first maximal compression of the contact on its"
+        " struck side (Chaunsali, Kim & Yang 2018, section 4a).",
+        unit="s",
+        axis=("body",),
+        follows="crossing_time",
+    ),
+    measured(
+        lambda scene, run: Measured(arrival(None, run)[-1], arrival_uncertainty(None, run)[-1]),
+        name="arrival_at_end",
+        definition="Arrival of the impulse at the last body of the chain.",
+        unit="s",
+        axis=(),
+        follows="crossing_time",
+    ),
+    measured(
+        lambda scene, run: Measured(residence_time(None, run), residence_time_uncertainty(None, run)),
+        name="residence_time",
+        definition="Time between the first maximal compressions of the two contacts of the body, during which it holds"
+        " the impulse (Chaunsali, Kim & Yang 2018, section 4a).",
+        unit="s",
+        axis=("body",),
+    ),
+    measured(
+        lambda scene, run: Measured(front_speed(None, run), front_speed_uncertainty(None, run)),
+        name="front_speed",
+        definition="Speed of the wave front at the body in bodies per second: the inverse of the residence time.",
+        unit="1/s",
+        axis=("body",),
+        follows="residence_time",
+    ),
+    measured(
+        _wave_speed,
+        name="wave_speed",
+        definition="Speed of the wave front at the body: the spacing of the bodies over the residence time (Chaunsali,"
+        " Kim & Yang 2018, eq. 3.6).",
+        unit="m/s",
+        axis=("body",),
+        follows="residence_time",
+    ),
+    measured(
+        lambda scene, run: Measured(*peak_velocity_of_front(scene, run).largest),
+        name="peak_velocity",
+        definition="Largest velocity of the body until it hands the impulse on.",
+        unit="m/s",
+        axis=("body",),
+        follows="velocity",
+    ),
+    measured(
+        lambda scene, run: Measured(*peak_velocity_of_front(scene, run).when),
+        name="peak_velocity_time",
+        definition="Time at which the body has its largest velocity before it hands the impulse on.",
+        unit="s",
+        axis=("body",),
+        follows="velocity",
+    ),
+)

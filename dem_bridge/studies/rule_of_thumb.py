@@ -17,7 +17,8 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.conserved import energy_parts, energy_uncertainty
-from dem_bridge.observables.registry import LARGEST, OBSERVABLES, Observable
+from dem_bridge.observables.observable import LARGEST, Observable
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.report.study import FigureData, Series, Study, Table
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, Result, run_groups

@@ -38,12 +38,6 @@ INDEPENDENT = "independent check (two unrelated integrators)"
 #: uncertainty of scipy, relative to the largest velocity, where it was not estimated: its maximum over the shipped
 #: scenes
 SCIPY_UNCERTAINTY = 2e-10
-#: observables by which the accuracy of LAMMPS is not judged, because they follow from others that are, or because
-#: another check judges them
-NOT_JUDGED = frozenset({
-    "contact_force", "arrival", "arrival_at_end", "front_speed", "wave_speed", "peak_velocity", "peak_velocity_time",
-    "first_peak_force", "momentum", "energy", "energy_less_work",
-})  # fmt: skip
 #: observables in which binary collisions are compared with the reference
 MODELLED = ("arrival", "residence_time", "arrival_at_end", "peak_force", "velocity")
 #: permissible ratio of measured to predicted table errors: both are sampled, and neither samples the exact maximum
@@ -161,14 +155,13 @@ def two_methods(roles: Roles, second: Trajectory | None, reference: Trajectory, 
 def accuracy(roles: Roles, name: str, run: Trajectory, reference: Trajectory, tolerance: float) -> list[Verdict]:
     """Judge a run against the reference: the velocity of the twin, every observable of LAMMPS.
 
-    Observables that are registered in addition to those of the package are judged as well.
+    An observable that follows from another one is not judged.
     """
     parts = ["time step", *(["table"] if "table" in run.provenance else []), "implementation and round-off"]
     meaning = "time step" if name == TWIN else ", ".join(parts)
-    without = {*QUANTITIES, *NOT_JUDGED, *(["residence_time"] if roles.scene.n_body <= 2 else [])}
-    quantities = (
-        ("velocity",) if name == TWIN else (*QUANTITIES, *(other for other in OBSERVABLES if other not in without))
-    )
+    without = {*QUANTITIES, *(["residence_time"] if roles.scene.n_body <= 2 else [])}
+    others = [item.name for item in OBSERVABLES.values() if not item.follows and item.name not in without]
+    quantities = ("velocity",) if name == TWIN else (*QUANTITIES, *others)
     verdicts = []
     for compared in (roles.readings.difference(quantity, run, reference) for quantity in quantities):
         of_velocity = compared.quantity == "velocity"

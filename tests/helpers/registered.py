@@ -8,7 +8,8 @@ from contextlib import contextmanager
 import numpy as np
 
 from dem_bridge.observables import registry
-from dem_bridge.observables.registry import LARGEST, Observable, register
+from dem_bridge.observables.observable import LARGEST, Observable
+from dem_bridge.observables.registry import register
 
 #: the mean of the velocities of all bodies
 MEAN_VELOCITY = Observable(

@@ -20,7 +20,8 @@ from dem_bridge.observables.errors import (
     relative_to,
     relative_uncertainty,
 )
-from dem_bridge.observables.registry import LARGEST, OBSERVABLES, Observable
+from dem_bridge.observables.observable import LARGEST, Observable
+from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight, uncertain

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dem_bridge.observables.forces import contact_force_uncertainty, first_peak_force
+from dem_bridge.observables.forces import first_peak_force
 from dem_bridge.observables.interpolate import contact_motion
+from dem_bridge.observables.traces import contact_force_uncertainty
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.trajectory.trajectory import UNKNOWN
 from tests.conftest import Solve

@@ -1,9 +1,10 @@
-"""An observable that is registered in one place appears in verify, plan, work-precision, export and the page."""
+"""An observable that one file declares appears in verify, plan, work-precision, export and the page."""
 
 from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,8 @@ from pathlib import Path
 import pytest
 
 import dem_bridge as db
-from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge import observables
+from dem_bridge.observables.registry import OBSERVABLES, declared_in
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Table
 from dem_bridge.studies.work_precision import curves as work_curves
@@ -19,16 +21,46 @@ from dem_bridge.verification.checks import accuracy
 from dem_bridge.verification.roles import assign_roles
 from tests.helpers.command_line import run_here
 from tests.helpers.fake_runs import CHAIN
-from tests.helpers.registered import MEAN_VELOCITY, registered
+from tests.helpers.registered import registered
 
 #: the mean velocity of three bodies with 6.48e-3 kg m/s, 0.8 m/s at the start of the first
 START = 0.8 / 3.0
 
 
+#: all that the new observable needs: one module beside those of the package
+MODULE = '''
+"""The mean of the velocities of all bodies."""
+
+import numpy as np
+
+from dem_bridge.observables.observable import LARGEST, Measured, measured
+
+DECLARED = (
+    measured(
+        lambda scene, run: Measured(
+            np.mean(run.velocity, axis=1), np.full(len(run.time), run.uncertainty["velocity"])
+        ),
+        name="mean_velocity",
+        definition="Mean velocity of all bodies at each sample.",
+        unit="m/s",
+        axis=("time",),
+        scale=LARGEST,
+    ),
+)
+'''
+
+
 @pytest.fixture(scope="module", autouse=True)
-def mean_velocity() -> Iterator[None]:
-    with registered(MEAN_VELOCITY):
-        yield
+def mean_velocity(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    folder = tmp_path_factory.mktemp("observables")
+    (folder / "mean_velocity.py").write_text(MODULE)
+    (folder / "without.py").write_text("raise AssertionError('a module without observables is not imported')\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(observables, "__path__", [*observables.__path__, str(folder)])
+        [declared] = declared_in(folder)
+        with registered(declared):
+            yield
+    del sys.modules["dem_bridge.observables.mean_velocity"]
     assert "mean_velocity" not in OBSERVABLES
 
 

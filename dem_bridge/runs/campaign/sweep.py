@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dem_bridge.observables.errors import Reading, read, reduced, relative_to
-from dem_bridge.observables.registry import Observable, observable_named
+from dem_bridge.observables.observable import Observable
+from dem_bridge.observables.registry import observable_named
 from dem_bridge.runs.campaign import Result
 
 if TYPE_CHECKING:

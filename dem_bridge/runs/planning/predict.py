@@ -20,6 +20,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.errors import UsageError
+from dem_bridge.observables.registry import observable_named
 from dem_bridge.runs.costs import predicted_cost
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import contact_time_of, rayleigh_time_of
@@ -71,7 +72,8 @@ class Outlook:
     def _scale(self, law: ErrorLaw, observable: str) -> float:
         """Return the predicted error at a knob of 1."""
         observed = _FITS["observed"]
-        factor, growth = observed.get(_FITS["observed_as"].get(observable, observable), observed["velocity"])
+        names = (observable, observable_named(observable).follows, "velocity")
+        factor, growth = next(observed[name] for name in names if name in observed)
         return float(factor * law.factor * self.phase ** (law.growth + growth))
 
     def error(self, law: ErrorLaw, setting: float, observable: str) -> float:

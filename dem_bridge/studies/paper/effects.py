@@ -16,8 +16,8 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.bca import BinaryCollisions
+from dem_bridge.observables.observable import Reader
 from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
-from dem_bridge.observables.registry import Reader
 from dem_bridge.physics.statics import static_overlap
 from dem_bridge.report.study import Table
 from dem_bridge.scene.file.physical import rounded

@@ -22,6 +22,7 @@ import numpy as np
 from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.observables.differences import SAMPLED
 from dem_bridge.observables.fits import force_exponent, speed_power_law
+from dem_bridge.observables.observable import Reader
 from dem_bridge.observables.pulse import (
     front_window,
     leading_pulse,
@@ -31,7 +32,7 @@ from dem_bridge.observables.pulse import (
     speed_ratio,
 )
 from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
-from dem_bridge.observables.registry import Reader, observable_named
+from dem_bridge.observables.registry import observable_named
 from dem_bridge.observables.spectrum import Spectrum, cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import ClaimValue, Table

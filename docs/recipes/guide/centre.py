@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.observables.observable import LARGEST, Observable
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 
@@ -26,3 +27,16 @@ def centre_of_mass(scene: Scene, trajectory: Trajectory) -> NDArray[np.float64]:
 def centre_of_mass_uncertainty(scene: Scene, trajectory: Trajectory) -> NDArray[np.float64]:
     """Return the uncertainty of :func:`centre_of_mass`, m, ``(n_t,)``: that of all displacements."""
     return np.full(len(trajectory.time), trajectory.uncertainty["displacement"])
+
+
+DECLARED = (
+    Observable(
+        name="centre_of_mass",
+        definition="Displacement of the centre of mass from its start at each sample.",
+        unit="m",
+        axis=("time",),
+        value=centre_of_mass,
+        uncertainty=centre_of_mass_uncertainty,
+        scale=LARGEST,
+    ),
+)

@@ -9,6 +9,10 @@ from dem_bridge.observables.centre import centre_of_mass, centre_of_mass_uncerta
 from dem_bridge.scene.scene import Scene
 from tests.helpers.fake_runs import free_flight, uncertain
 
+#: a second definition, by the momentum of the start, for the tests of all observables
+SECOND = {
+    "centre_of_mass": (lambda scene, run: run.time * scene.mass[0] * scene.velocity[0] / sum(scene.mass), 1e-12),
+}
 THREE = Scene(name="three", duration=1.0, mass=(2.0, 3.0, 5.0), stiffness=(7.0, 11.0), velocity=(1.0, 2.0, 3.0))
 
 
