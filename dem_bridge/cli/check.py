@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,26 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import terminal
-from dem_bridge.cli.options import print_json, with_options
+from dem_bridge.cli.options import ACCURACY, AS_JSON, DT, FOLDER, LAMMPS, TIME_LIMIT, VARIABLES
+from dem_bridge.cli.parameters import Argument, make_command, print_json
 from dem_bridge.foundation.files import check_report_folder
 
 
-@with_options("check")
+@make_command(
+    "check",
+    Argument("file", "FILE"),
+    replace(ACCURACY, help="Permissible error of velocities, relative to the largest velocity.", default="1e-3"),
+    replace(
+        DT,
+        help="Time step of the deck of a scene, s; an input script has its own.",
+        default="1/50 of the shortest contact time",
+    ),
+    VARIABLES,
+    *LAMMPS,
+    TIME_LIMIT,
+    replace(FOLDER, help="Write the page (index.html), check.json and the script with the lines to write into DIR."),
+    AS_JSON,
+)
 def check(file: str, as_json: bool = False, folder: Path | None = None, **settings: Any) -> None:
     """Check FILE, a LAMMPS input script or a scene.
 

@@ -7,6 +7,7 @@ import re
 import sys
 import tempfile
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,9 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import terminal
-from dem_bridge.cli.options import with_options
+from dem_bridge.cli.options import DT_OF_FILE, FOLDER, LAMMPS, SCENE_OF_FILE, UNITS
+from dem_bridge.cli.parameters import Argument, Option, make_command
+from dem_bridge.cli.values import scene_names
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.foundation.files import check_report_folder
 
@@ -32,7 +35,19 @@ _TINTS = {"░": "blue", "▒": "cyan", "▓": "green", "█": "yellow"}
 _COMPILING = 30
 
 
-@with_options("demo")
+@make_command(
+    "demo",
+    Option(
+        "show_page",
+        "Open the page in a browser, where a terminal has a screen.",
+        bool,
+        flags=("--open/--no-open",),
+        default="open",
+        value=True,
+    ),
+    replace(FOLDER, help="Folder for the page.", default="a new temporary one"),
+    *LAMMPS,
+)
 def demo(show_page: bool, folder: Path | None = None, **settings: Any) -> None:
     """Show in ten seconds what this is.
 
@@ -57,7 +72,13 @@ def demo(show_page: bool, folder: Path | None = None, **settings: Any) -> None:
     click.echo(f"Page:  {page}{' (opened)' if opened else ''}")
 
 
-@with_options("show")
+@make_command(
+    "show",
+    Argument("drawn", "SCENE|RUN", completion=scene_names),
+    replace(SCENE_OF_FILE, help="Scene of a run.", default="the one that the file holds or names"),
+    UNITS,
+    replace(DT_OF_FILE, help="Time step of a file of step numbers, s."),
+)
 def show(drawn: str, scene: str | None = None, **settings: Any) -> None:
     """Draw a chain and its motion in the terminal.
 

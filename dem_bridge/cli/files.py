@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 import dem_bridge
-from dem_bridge.cli import terminal
-from dem_bridge.cli.options import check_new, check_output, print_json, with_options
+from dem_bridge.cli import options, terminal, values
+from dem_bridge.cli.parameters import (
+    ACCURACIES,
+    NOT_NEGATIVE,
+    POSITIVE,
+    Argument,
+    Limits,
+    Option,
+    check_new,
+    check_output,
+    make_command,
+    print_json,
+)
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.files import check_report_folder
 
@@ -26,7 +38,31 @@ def _read(path: Path, scene: str | None, settings: dict[str, Any]) -> Trajectory
     return run
 
 
-@with_options("convert")
+@make_command(
+    "convert",
+    Argument("run", "RUN", values.FILE),
+    replace(options.OUTPUT, help="File to write: .extxyz, .lammpstrj, .csv or .nc.", required=True),
+    options.SCENE_OF_FILE,
+    options.UNITS,
+    options.DT_OF_FILE,
+    Option("format", "Format of FILE.", ("nc", "extxyz", "lammpstrj", "csv"), default="by its ending"),
+    Option(
+        "spacing",
+        "Spacing of bodies in a scene without geometry, m.",
+        float,
+        unit="m",
+        limits=POSITIVE,
+        default="0.01",
+    ),
+    Option(
+        "layout",
+        "Layout of csv: a row per time and body, or a row per time.",
+        ("long", "wide"),
+        default="long",
+        value="long",
+    ),
+    options.FORCE,
+)
 def convert(
     run: Path,
     output: Path,
@@ -47,7 +83,21 @@ def convert(
     click.echo(f"written: {output}")
 
 
-@with_options("compare")
+@make_command(
+    "compare",
+    Argument("first", "A[@DT]", values.FILE),
+    Argument("second", "B[@DT]", values.FILE),
+    options.SCENE_OF_FILE,
+    options.UNITS,
+    options.DT_OF_FILE,
+    Option(
+        "tolerance",
+        "Allowed difference of velocities, relative to the largest velocity of B; exit code 1 if it is larger.",
+        float,
+        metavar="R",
+        limits=NOT_NEGATIVE,
+    ),
+)
 def compare(
     first: Path, second: Path, scene: str | None = None, tolerance: float | None = None, **settings: Any
 ) -> None:
@@ -100,7 +150,70 @@ def _check_ends(runs: list[Trajectory], dt: float) -> None:
         )
 
 
-@with_options("export")
+@make_command(
+    "export",
+    options.SCENE,
+    Option(
+        "table",
+        "Table to write.",
+        ("contacts", "pair-coeffs", "bodies", "observables", "energy-ledger", "stiffness-curve", "angles"),
+        required=True,
+    ),
+    Option(
+        "format",
+        "Format of the table.",
+        ("csv", "json", "md", "tex", "parquet", "lammps"),
+        default="by the ending of FILE, else csv",
+    ),
+    Option("columns", "Columns to write, by their names in csv.", values.names, metavar="A,B", default="all"),
+    replace(options.BACKEND, help="Backend of the run in the table.", default="reference"),
+    options.DT,
+    options.ACCURACY,
+    options.SAMPLES,
+    Option("no_run", "Write the table contacts without results of a run.", bool),
+    options.GEOMETRY,
+    options.TYPES,
+    Option(
+        "surrogate_radius",
+        "Radius of the bodies in the deck, m.",
+        float,
+        unit="m",
+        limits=POSITIVE,
+        default="a power of two above the largest overlap",
+    ),
+    Option("law", "Stiffness law of the table angles.", ("paper", "exact"), default="the scene's law"),
+    Option(
+        "within",
+        "Relative error of the stiffness from which the angle tolerances follow.",
+        float,
+        metavar="R",
+        limits=ACCURACIES,
+        default="0.01",
+    ),
+    Option(
+        "angles", "Angles of the table stiffness-curve, degrees.", values.numbers, metavar="A,B", default="0.1 to 90"
+    ),
+    Option("radius", "Radius of the cylinders, m.", float, unit="m", limits=POSITIVE, default="the scene's"),
+    Option(
+        "youngs_modulus",
+        "Young's modulus of the cylinders, Pa.",
+        float,
+        unit="Pa",
+        limits=POSITIVE,
+        default="the scene's",
+    ),
+    Option(
+        "poissons_ratio",
+        "Poisson's ratio of the cylinders.",
+        float,
+        metavar="NU",
+        limits=Limits("a number above -1 and up to 0.5", above=-1.0, at_most=0.5),
+        default="the scene's",
+    ),
+    *options.LAMMPS,
+    replace(options.OUTPUT, default="stdout"),
+    options.FORCE,
+)
 def export(
     scene: str,
     table: str,
@@ -135,7 +248,52 @@ def export(
         click.echo(f"written: {output}")
 
 
-@with_options("judge")
+@make_command(
+    "judge",
+    Argument("files", "[FILE[@DT]...]", many=True),
+    replace(options.SCENE_OF_FILE, help="Scene of the files: name of a shipped scene or a scene file; required."),
+    Option(
+        "command",
+        "Run a code in place of reading files, such as 'mycode {scene} {dt} {out.csv}'; {scene} is JSON, {scene.toml}"
+        " TOML, {deck} a LAMMPS deck.",
+        metavar="WORDS",
+    ),
+    Option(
+        "tolerance",
+        "Permissible error, relative to the largest value of each quantity.",
+        float,
+        metavar="T",
+        limits=ACCURACIES,
+        default="the cause decides the outcome",
+    ),
+    replace(
+        options.DT_OF_FILE,
+        help="Time step of a single file, or time steps of the command, s.  [default of the command: four steps]",
+        kind=values.numbers,
+        metavar="S[,S...]",
+    ),
+    replace(options.TIME_LIMIT, help="Time limit of each run of a command or a deck, s."),
+    Option(
+        "columns",
+        'Headings of all columns in their order, or HEADING=MEANING,..., such as "ch1=velocity 3 [mm/s]".',
+        values.assignments,
+        metavar="A,B,...",
+    ),
+    replace(
+        options.UNITS,
+        help="Units that the files do not state: si, metal, ... or QUANTITY=UNIT,..., such as time=ms.",
+        kind=values.assignments,
+        metavar="UNITS",
+        default="",
+    ),
+    Option("bodies", "Body of each column, from 0, the struck end.", values.integers, metavar="I,J,..."),
+    Option("axis", "Axis along which the chain lies.", ("x", "y", "z")),
+    replace(options.VARIABLES, help="Value of a variable of a deck, as LAMMPS accepts it by -var; can be repeated."),
+    *options.LAMMPS,
+    replace(options.VERBOSE, name="every", help="Print every line of the answer, not the most needed 15."),
+    options.AS_JSON,
+    replace(options.FOLDER, help="Write the page (index.html), verdicts.json, tables and figures into DIR."),
+)
 def judge(
     files: tuple[str, ...],
     scene: str | None = None,

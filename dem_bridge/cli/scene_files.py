@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Iterable
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import dem_bridge
-from dem_bridge.cli.options import check_new, json_text, with_options
+from dem_bridge.cli import options
+from dem_bridge.cli.parameters import FINITE, NOT_NEGATIVE, Argument, Option, check_new, json_text, make_command
+from dem_bridge.cli.values import FILE, wall
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.files import text_of_file, write_whole
 
@@ -56,7 +59,13 @@ def template(form: str, name: str) -> str:
     return f"#:schema ./{SCHEMA_FILE}\n# {_FOR_EDITORS}\n{text}{_MEASUREMENT}"
 
 
-@with_options("new", epilog=f"Forms: {'. '.join(f'{form}: {use}' for form, use in FORMS.items())}.")
+@make_command(
+    "new",
+    Argument("file", "[NAME.toml]", FILE, value="my-chain.toml", required=False),
+    Option("form", "Form of the scene file; see below.", tuple(FORMS), default="pattern", value="pattern"),
+    replace(options.FORCE, help="Replace the file if it exists."),
+    epilog=f"Forms: {'. '.join(f'{form}: {use}' for form, use in FORMS.items())}.",
+)
 def new(file: Path, form: str, force: bool) -> None:
     """Write a new scene file in which every key is explained.
 
@@ -81,7 +90,7 @@ def new(file: Path, form: str, force: bool) -> None:
         click.echo(f"  dem-bridge {words.format(path)}")
 
 
-@with_options("schema")
+@make_command("schema", replace(options.OUTPUT, help="File for the schema.", default="stdout"), options.FORCE)
 def schema(force: bool, output: Path | None = None) -> None:
     """Print the JSON Schema of scene files.
 
@@ -98,7 +107,21 @@ def schema(force: bool, output: Path | None = None) -> None:
     click.echo(f"written: {output}")
 
 
-@with_options("import deck")
+@make_command(
+    "deck",
+    Argument("script", "SCRIPT", FILE),
+    *options.SCENE_FILE,
+    replace(options.DURATION, default="that of the script's runs"),
+    replace(options.SAMPLES, default="the frames of the first dump"),
+    Option(
+        "reverse",
+        "Place body 0 at the highest or at the lowest coordinate.",
+        bool,
+        flags=("--reverse/--no-reverse",),
+        default="the end that moves, else the lowest",
+    ),
+    replace(options.VARIABLES, help="Value of a variable, as LAMMPS accepts it by -var; can be repeated."),
+)
 def deck(script: Path, output: Path, force: bool, variables: tuple[tuple[str, str], ...], **settings: Any) -> None:
     """Convert SCRIPT, a LAMMPS input script in which every body is a sphere on one line."""
     from dem_bridge.api.scenes import deck_read
@@ -116,7 +139,49 @@ def deck(script: Path, output: Path, force: bool, variables: tuple[tuple[str, st
     _write_scene(read.scene, output, read.notes, max(read.time_steps, default=0.0))
 
 
-@with_options("import csv")
+@make_command(
+    "csv",
+    Argument("bodies", "BODIES", FILE),
+    *options.SCENE_FILE,
+    Option("contacts", "CSV table of the contacts, if BODIES has none.", FILE, metavar="CSV"),
+    replace(options.DURATION, required=True),
+    replace(options.SAMPLES, default="500"),
+    Option(
+        "gravity",
+        "Gravity, m/s^2, positive towards the last body.",
+        float,
+        metavar="G",
+        unit="m/s^2",
+        limits=FINITE,
+        default="0",
+    ),
+    Option(
+        "drag",
+        "Drag, 1/s: a force -B m v acts on each body.",
+        float,
+        metavar="B",
+        unit="1/s",
+        limits=NOT_NEGATIVE,
+        default="0",
+    ),
+    Option(
+        "precompression",
+        "Static force on the ends, N; the chain starts in equilibrium with it.",
+        float,
+        unit="N",
+        limits=NOT_NEGATIVE,
+        default="0",
+    ),
+    *(
+        Option(
+            f"wall_{side}",
+            f"Wall {place}: stiffness (N/m^(n-1)), gap (m) and exponent n.",
+            wall,
+            metavar="K[,GAP[,N]]",
+        )
+        for side, place in {"left": "before body 0", "right": "behind the last body"}.items()
+    ),
+)
 def csv(bodies: Path, output: Path, force: bool, **settings: Any) -> None:
     """Convert BODIES, a CSV table with a row per body.
 

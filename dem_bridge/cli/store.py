@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import click
 
-from dem_bridge.cli.options import print_json, with_options
+from dem_bridge.cli.options import AS_JSON, SCENE
+from dem_bridge.cli.parameters import NOT_NEGATIVE, Option, make_command, print_json
 from dem_bridge.errors import UsageError
 
 if TYPE_CHECKING:
@@ -31,7 +33,7 @@ def _line(entry: Entry) -> str:
     return f"{entry.key[:12]}  {entry.size / 1e6:8.2f} MB  used {used}  {entry.what}"
 
 
-@with_options("store list")
+@make_command("list", replace(SCENE, metavar="[SCENE]", required=False), AS_JSON)
 def list_(as_json: bool, scene: str | None = None) -> None:
     """List the entries of the store, the latest used first.
 
@@ -50,7 +52,7 @@ def list_(as_json: bool, scene: str | None = None) -> None:
     click.echo(f"{len(chosen)} entries, {sum(entry.size for entry in chosen) / 1e6:.1f} MB, in {store.folder}")
 
 
-@with_options("store why")
+@make_command("why", SCENE, AS_JSON)
 def why(scene: str, as_json: bool) -> None:
     """Say of each stored run of SCENE whether it is used again, and if not, what has changed since."""
     import dem_bridge
@@ -66,7 +68,7 @@ def why(scene: str, as_json: bool) -> None:
         click.echo(f"The store has no run of {scene}: every run is made.")
 
 
-@with_options("store verify")
+@make_command("verify", AS_JSON)
 def verify(as_json: bool) -> None:
     """Check every entry against its checksum.
 
@@ -84,7 +86,17 @@ def verify(as_json: bool) -> None:
     sys.exit(1 if damaged else 0)
 
 
-@with_options("store prune")
+@make_command(
+    "prune",
+    Option("days", "Remove entries that were not used for D days.", float, metavar="D", limits=NOT_NEGATIVE),
+    Option(
+        "megabytes",
+        "Remove the entries that were not used for the longest time, until M megabytes are left.",
+        float,
+        metavar="M",
+        limits=NOT_NEGATIVE,
+    ),
+)
 def prune(days: float | None = None, megabytes: float | None = None) -> None:
     """Remove entries by age or down to a size."""
     from dem_bridge.runs.inspect import prune as remove

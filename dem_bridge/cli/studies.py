@@ -6,6 +6,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,22 @@ import click
 import dem_bridge
 from dem_bridge.api.guests import STUDIES, study_named, study_names
 from dem_bridge.cli import terminal
-from dem_bridge.cli.options import parameters, print_json, scene_names
+from dem_bridge.cli.options import (
+    AS_JSON,
+    CLUSTER,
+    FOLDER,
+    JOBS,
+    JSON_PROGRESS,
+    LAMMPS,
+    RECOMPUTE,
+    SCENE,
+    VERBOSE,
+)
+from dem_bridge.cli.parameters import Argument, Option, print_json
 from dem_bridge.foundation import guests
 
 #: annotation of a parameter -> type of its option
-_TYPES = {"float": click.FLOAT, "int": click.INT, "str": click.STRING}
+_TYPES = {"float": float, "int": int, "str": str, "bool": bool}
 #: exit code -> what it says of a study
 _EXIT_CODES = {
     1: "a check above FAILs; this is a result on LAMMPS, and no fault of the installation (see dem-bridge doctor)",
@@ -27,15 +39,17 @@ _EXIT_CODES = {
     3: "a run broke",
     4: "a check above is UNDECIDED",
 }
-#: parameter that several studies have -> its options in the part "study" of options.json
-_SHARED = {
-    "executor": ("executor",),
-    "engine": ("lmp", "lmp_args", "python", "ranks"),
-    "jobs": ("jobs", "executor"),
-    "store": ("recompute",),
+#: parameter that several studies have -> its options
+_SHARED: dict[str, tuple[Option, ...]] = {
+    "executor": (CLUSTER,),
+    "engine": LAMMPS,
+    "jobs": (JOBS, CLUSTER),
+    "store": (RECOMPUTE,),
     "progress": (),
     "measurement": (),
 }
+#: options of every study, the last of its options
+_COMMON = (FOLDER, AS_JSON, JSON_PROGRESS, VERBOSE)
 
 
 class _StudyCommand(click.Command):
@@ -46,7 +60,7 @@ class _StudyCommand(click.Command):
         if not self.params:
             function = study_named(str(self.name))
             self.help, descriptions = documentation(function)
-            self.params = list(parameters_of(function, descriptions))
+            self.params = [each.parameter() for each in declared_by(function, descriptions)]
         return super().get_params(ctx)
 
 
@@ -83,37 +97,32 @@ def documentation(function: Callable[..., Any]) -> tuple[str, dict[str, str]]:
     return description, {name: " ".join(words.split()) for names, words in entries for name in names.split(", ")}
 
 
-def parameters_of(function: Callable[..., Any], descriptions: dict[str, str]) -> Iterator[click.Parameter]:
+def declared_by(function: Callable[..., Any], descriptions: dict[str, str]) -> Iterator[Argument | Option]:
     """Yield the scene, an option for each setting of a study, and the options that it shares with others."""
-    shared = {str(option.name): option for option in parameters("study")}
     settings = inspect.signature(function).parameters
     if scene := settings.get("scene"):
-        yield click.Argument(["scene"], required=scene.default is scene.empty, shell_complete=scene_names)
+        yield replace(SCENE, required=scene.default is scene.empty)
     for name, parameter in settings.items():
         if name != "scene" and name not in _SHARED:
             yield _option(parameter, descriptions[name])
-    common = [option for key in settings for option in _SHARED.get(key, ())]
-    for name in dict.fromkeys((*common, "folder", "as_json", "json_progress", "verbose")):
-        yield shared[name]
+    yield from dict.fromkeys((*(option for key in settings for option in _SHARED.get(key, ())), *_COMMON))
 
 
-def _option(parameter: inspect.Parameter, text: str) -> click.Option:
+def _option(parameter: inspect.Parameter, text: str) -> Option:
     """Return the option of one setting: bool gives ``--x/--no-x``, a sequence an option that can be repeated."""
     name, default, text = parameter.name.replace("_", "-"), parameter.default, text.replace("None: ", "By default ")
     annotation = parameter.annotation.removesuffix(" | None")
-    several = annotation.startswith("Sequence[")
-    if annotation == "bool":
-        declared, default = f"--{name}/--no-{name}", name if default else f"no-{name}"
-    else:
-        declared = f"--{name.removesuffix('s') if several else name}"
+    several, flag = annotation.startswith("Sequence["), annotation == "bool"
+    if flag:
+        default = name if default else f"no-{name}"
     if default is not None:
         text += f"  [default: {', '.join(default) if several else default}]"
-    return click.Option(
-        [declared, parameter.name],
-        type=None if annotation == "bool" else _TYPES[annotation.removeprefix("Sequence[").removesuffix("]")],
-        multiple=several,
-        default=None,
-        help=text + ("  Can be repeated." if several else ""),
+    return Option(
+        parameter.name,
+        text + ("  Can be repeated." if several else ""),
+        _TYPES[annotation.removeprefix("Sequence[").removesuffix("]")],
+        flags=(f"--{name}/--no-{name}" if flag else f"--{name.removesuffix('s') if several else name}",),
+        many=several,
     )
 
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
 #: columns of lines for people, where the terminal is not narrower
 WIDTH = 80
+#: how lines are wrapped: a path or a number stays whole
+_WHOLE_WORDS: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
 #: largest number of scenes whose answers are printed one by one
 _MOST_SCENES = 10
 #: first words of the sentences on checks that were not run
@@ -113,10 +115,17 @@ def print_plan(plan: Plan, scene: str, verbose: bool = False) -> None:
     else:
         keywords = "".join(f", {key}={value!r}" for key, value in plan.resolution.items())
         rows["command"] = f"db.solve({scene!r}, backend={plan.backend!r}{keywords})"
+    command = rows.pop("command")
     for key, value in rows.items():
-        # a command stays in one line, so that it can be copied
-        width = sys.maxsize if key == "command" else WIDTH
-        print(textwrap.fill(value, width, initial_indent=f"{key:10} ", subsequent_indent=" " * 11))
+        print_entry(key, value, 10)
+    print(f"{'command':10} {command}")  # in one line, so that it can be copied
+
+
+def print_entry(name: str, text: str, names: int) -> None:
+    """Print a name and its text beside it within 80 columns, without broken words; ``names`` is the room of a name."""
+    following = " " * (names + 1)
+    head = f"{name:{names}} "
+    print(textwrap.fill(text, WIDTH, initial_indent=head, subsequent_indent=following, **_WHOLE_WORDS))
 
 
 def _without_single_scene(table: Table) -> tuple[str, Sequence[str], Sequence[Sequence[str | float]]]:
@@ -208,7 +217,7 @@ def _say(text: str) -> None:
     within = text[: len(text) - len(text.lstrip())]
     width = min(WIDTH, columns())
     following = within + "  "
-    print(textwrap.fill(text, width, subsequent_indent=following, break_long_words=False, break_on_hyphens=False))
+    print(textwrap.fill(text, width, subsequent_indent=following, **_WHOLE_WORDS))
 
 
 def _print_tables(tables: Sequence[Table]) -> None:

@@ -11,7 +11,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends.lammps import explained
 from dem_bridge.cli import terminal
-from dem_bridge.cli.group import _step_lines, _summary
+from dem_bridge.cli.run import _step_lines, _summary
 from dem_bridge.errors import RunBroken
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import Study, Table

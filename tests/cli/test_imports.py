@@ -92,6 +92,19 @@ def test_a_deck_becomes_a_scene_file(folder: Path) -> None:
     assert again.samples == 5
 
 
+def test_without_reverse_body_0_is_the_end_that_moves(folder: Path) -> None:
+    text = SCRIPT.replace(
+        "group striker id 1\nvelocity striker set 0.5", "group striker id 3\nvelocity striker set -0.5"
+    )
+    (folder / "in.last").write_text(text)
+    scenes = []
+    for words in ((), ("--reverse",), ("--no-reverse",)):
+        done = _asked("import", "deck", folder / "in.last", "-o", folder / "last.toml", "--force", *words)
+        assert done.exit_code == 0, done.stderr
+        scenes.append(db.load_scene(folder / "last.toml").velocity)
+    assert scenes == [(0.5, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.0, -0.5)]
+
+
 @pytest.mark.parametrize(
     ("words", "why"),
     [

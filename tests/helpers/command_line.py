@@ -11,7 +11,6 @@ import click
 from click.testing import CliRunner
 
 from dem_bridge.cli import main
-from dem_bridge.cli.options import parameters
 
 PROGRAM = str(Path(sys.executable).with_name("dem-bridge"))
 Done = subprocess.CompletedProcess[str]
@@ -42,6 +41,6 @@ def assert_one_line(done: Done, *parts: str) -> None:
 
 def choices(command: str, name: str) -> tuple[str, ...]:
     """Return the allowed values of an option."""
-    [option] = [parameter for parameter in parameters(command) if parameter.name == name]
+    [option] = [parameter for parameter in main.commands[command].params if parameter.name == name]
     assert isinstance(option.type, click.Choice)
     return tuple(option.type.choices)

@@ -90,7 +90,7 @@ EDITS: dict[str, set[tuple[str, bool] | str]] = {
     "report/page.py": set(),
     "report/templates/study.html.j2": set(),
     "cli/terminal.py": set(),
-    "cli/options.json": set(),
+    "cli/options.py": set(),
     "api/studies.py": set(),
     "studies/pages/claims.toml": set(),
     "verification/checks.py": set(),

@@ -22,7 +22,7 @@ from click.testing import CliRunner
 import dem_bridge as db
 from dem_bridge.api import guests as catalogue
 from dem_bridge.cli import main, terminal
-from dem_bridge.cli.studies import documentation, parameters_of
+from dem_bridge.cli.studies import declared_by, documentation
 from dem_bridge.cli.studies import study as group
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
@@ -143,8 +143,8 @@ def example(
 def test_an_option_for_each_kind_of_parameter() -> None:
     description, texts = documentation(example)
     assert description == "Do it."
-    options = [one for one in parameters_of(example, texts) if isinstance(one, click.Option)]
-    spelled = {one.name: ([*one.opts, *one.secondary_opts], one.help) for one in options}
+    options = [one.parameter() for one in declared_by(example, texts)]
+    spelled = {one.name: ([*one.opts, *one.secondary_opts], getattr(one, "help", "")) for one in options}
     assert spelled["size"] == (["--size"], "Size of a.Thing, in m.  [default: 0.5]")
     assert spelled["count"] == (["--count"], "Number. By default all.")
     assert spelled["fast"] == (["--fast", "--no-fast"], "Whether.  [default: no-fast]")
