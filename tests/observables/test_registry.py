@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.tables.table import UNITS
+from dem_bridge.formats.units import UNITS
 from dem_bridge.observables.errors import read, relative_to
 from dem_bridge.observables.observable import AXES, Observable
 from dem_bridge.observables.registry import OBSERVABLES, observable_named, register

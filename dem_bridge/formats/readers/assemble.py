@@ -9,9 +9,10 @@ import numpy as np
 
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers.digits import counted_times, numbers, scaled, step_of
-from dem_bridge.formats.readers.headings import DIMENSIONS, STYLES, Heading, heading_of, scale_of
+from dem_bridge.formats.readers.headings import DIMENSIONS, Heading, heading_of, scale_of
 from dem_bridge.formats.readers.record import QUANTITIES, Draft
 from dem_bridge.formats.readers.tables import Entry, Table
+from dem_bridge.formats.units import STYLES
 from dem_bridge.foundation.numbers import check_number
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats

@@ -1,6 +1,6 @@
 """Recognise the headings of columns and the names of arrays: quantity, body, unit and axis.
 
-The names and units are data (``names.json``). A heading has a name (``v``, ``velocity``, ``vx``), and may have an index
+The names are data (``names.json``). A heading has a name (``v``, ``velocity``, ``vx``), and may have an index
 (``v_3``, ``v[3]``, ``body 3 velocity``) and a unit (``v_3_m_per_s``, ``velocity 3 [mm/s]``, ``t/ms``).
 """
 
@@ -13,38 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dem_bridge.errors import UsageError
+from dem_bridge.formats.units import VALUES, value_of
 
 DATA: Mapping[str, Any] = json.loads(Path(__file__).with_name("names.json").read_text(encoding="utf-8"))
 #: SI unit of each quantity
 DIMENSIONS: Mapping[str, str] = DATA["dimensions"]
-
-
-@dataclass(frozen=True)
-class Units:
-    """Hold the SI values of the units of a unit style: m, s, m/s, N, kg."""
-
-    length: float
-    time: float
-    velocity: float
-    force: float
-    mass: float
-
-
-#: the unit styles of LAMMPS (manual, command units), and "ase": Å, eV, u and the unit of time that follows; CODATA 2018
-STYLES: Mapping[str, Units] = {style: Units(**values) for style, values in DATA["unit_styles"].items()}
-
-
-def _velocities() -> dict[str, float]:
-    """Return the SI values of units of velocity: each unit of length over each unit of time, in many spellings."""
-    spellings = ("{}/{}", "{}_per_{}", "{} per {}", "{}_{}", "{} {}-1", "{} {}^-1", "{}*{}^-1", "{}.{}-1", "{}{}-1")
-    lengths, times = DATA["units"]["m"].items(), DATA["units"]["s"].items()
-    rates = {spelling.format(m, s): a / b for spelling in spellings for m, a in lengths for s, b in times}
-    return rates | {"m/s": 1.0, "mps": 1.0}
-
-
-#: units with their SI values, by the SI unit
-UNITS: Mapping[str, Mapping[str, float]] = DATA["units"] | {"m/s": _velocities()}
 
 
 def _names() -> Iterator[tuple[str, tuple[str, int | None]]]:
@@ -97,18 +70,7 @@ class Heading:
 
 def scale_of(quantity: str, unit: str | None) -> float:
     """Return the SI value of a unit of a quantity, 1 for None; raise UsageError for an unknown unit."""
-    if unit is None or quantity not in DIMENSIONS:
-        return 1.0
-    units = UNITS[DIMENSIONS[quantity]]
-    text = unit.strip().strip("()").replace("**", "^")
-    if text not in units:
-        raise UsageError(f"the unit {unit!r} of {quantity} is unknown; allowed: {allowed_units(DIMENSIONS[quantity])}")
-    return units[text]
-
-
-def allowed_units(si_unit: str) -> str:
-    """Return the usual units of a quantity with the SI unit ``si_unit``, for messages."""
-    return ", ".join(("m/s", "mm/s", "cm/s", "um/s") if si_unit == "m/s" else tuple(UNITS[si_unit]))
+    return 1.0 if unit is None or quantity not in DIMENSIONS else value_of(unit, quantity, DIMENSIONS[quantity])
 
 
 def heading_of(text: str) -> Heading | None:
@@ -136,7 +98,7 @@ def _meaning(text: str) -> Heading | None:
     of_contact = re.match("contact", text, re.IGNORECASE) and (index is not None or unit)
     if of_contact and quantity in ("force", "body"):
         quantity = "contact_force"
-    if match["plain"] and (quantity not in DIMENSIONS or match["plain"].strip("()") not in UNITS[DIMENSIONS[quantity]]):
+    if match["plain"] and match["plain"].strip("()") not in VALUES.get(DIMENSIONS.get(quantity, ""), ()):
         return None
     heading = Heading(quantity, None if index is None else int(index), (unit or "").strip() or None, axis)
     _ = heading.scale

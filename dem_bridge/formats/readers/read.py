@@ -24,7 +24,7 @@ from dem_bridge.formats.readers.arrays import read_npy, read_npz, table_of_netcd
 from dem_bridge.formats.readers.assemble import Choices, draft_of_table
 from dem_bridge.formats.readers.chain import draft_of_frames
 from dem_bridge.formats.readers.digits import texts_of
-from dem_bridge.formats.readers.frames import FrameCollector, Frames, looks_like_xyz, read_ase, read_dump, read_xyz
+from dem_bridge.formats.readers.dumps import FrameCollector, Frames, looks_like_xyz, read_ase, read_dump, read_xyz
 from dem_bridge.formats.readers.record import Record
 from dem_bridge.formats.readers.tables import Table, read_text
 from dem_bridge.formats.readers.vtk import frame_of, places, read_legacy, read_pvd, read_xml

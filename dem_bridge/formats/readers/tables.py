@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers.digits import texts_of
-from dem_bridge.formats.readers.headings import UNITS, heading_of
+from dem_bridge.formats.readers.headings import heading_of
+from dem_bridge.formats.units import VALUES
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _STEP = re.compile(
@@ -97,7 +98,7 @@ def read_text(text: str) -> Table:
     if stated:
         try:
             unit = stated[0]["before"] or stated[0]["behind"] or "s"
-            table.dt = float(stated[0]["number"]) * UNITS["s"].get(unit, math.nan)
+            table.dt = float(stated[0]["number"]) * VALUES["s"].get(unit, math.nan)
             if not math.isfinite(table.dt):
                 raise ValueError(unit)
             table.notes.append(f"the time step is {table.dt:.9g} s, as a comment of the file states")
@@ -188,7 +189,7 @@ def _known_headings(cells: Sequence[str]) -> int:
 def _is_unit(cell: str) -> bool:
     """Return True for a unit in brackets, or one that is longer than a letter, which might be a name."""
     bare = cell.strip("[]() ")
-    return any(bare in units for units in UNITS.values()) and (bare != cell or len(bare) > 1 or bare == "s")
+    return any(bare in units for units in VALUES.values()) and (bare != cell or len(bare) > 1 or bare == "s")
 
 
 def _column(cells: Sequence[str], heading: str) -> NDArray[np.bytes_]:

@@ -20,10 +20,10 @@ from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers.assemble import Choices, draft_of_table
 from dem_bridge.formats.readers.chain import axis_of, draft_of_frames, style_of
 from dem_bridge.formats.readers.digits import rounding_error
-from dem_bridge.formats.readers.frames import Frames
-from dem_bridge.formats.readers.headings import STYLES
+from dem_bridge.formats.readers.dumps import Frames
 from dem_bridge.formats.readers.read import damage_as_usage_error, load, series
 from dem_bridge.formats.readers.record import Record
+from dem_bridge.formats.units import STYLES
 from dem_bridge.observables.interpolate import KNOWN_FORCES
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Cost, Floats, Trajectory

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dem_bridge.errors import UsageError
+from dem_bridge.formats.units import unit_of
 from dem_bridge.foundation.summary import summary
 
 if TYPE_CHECKING:
@@ -28,34 +28,6 @@ Cell = float | int | str | None
 Kind = Literal["number", "count", "text"]
 
 
-@dataclass(frozen=True)
-class Unit:
-    """Hold the spellings of a unit in plain text, in LaTeX and at the end of a column's name."""
-
-    text: str
-    tex: str
-    """Macros of siunitx, or LaTeX text with commands of its own."""
-    suffix: str
-    prefixed: bool = False
-    """True if the unit takes SI prefixes such as µ and G."""
-
-
-#: the data: how units are written, the SI prefix of a power of ten and its macro in siunitx, and escapes in LaTeX
-SPELLING = json.loads(Path(__file__).with_name("units.json").read_text(encoding="utf-8"))
-#: units by their names in the code; some depend on the row of the table
-UNITS: Mapping[str, Unit] = {name: Unit(**{"text": name, **entry}) for name, entry in SPELLING["units"].items()}
-
-
-def unit_of(text: str) -> Unit:
-    """Return how a unit is written; one that is not in :data:`UNITS` is written as it stands.
-
-    >>> unit_of("kg/m").suffix
-    'kg_per_m'
-    """
-    suffix = re.sub(r"\W+", "_", text.replace("/", " per ")).strip("_")
-    return UNITS.get(text, Unit(text, rf"\text{{{text}}}", suffix))
-
-
 @dataclass(frozen=True, kw_only=True)
 class Column:
     """Hold one quantity for all rows; :func:`column` returns an instance."""
@@ -67,7 +39,7 @@ class Column:
     values: tuple[Cell, ...]
     kind: Kind
     unit: str = ""
-    """Of :data:`UNITS`, or as it stands."""
+    """Of :data:`~dem_bridge.formats.units.UNITS`, or as it stands."""
     digits: int = 5
     """Significant digits in Markdown and LaTeX where the uncertainty is unknown."""
     uncertainties: tuple[Cell, ...] | None = None

@@ -18,17 +18,19 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.tables.table import SPELLING, Cell, Column, Table, unit_of
+from dem_bridge.formats.tables.table import Cell, Column, Table
+from dem_bridge.formats.units import PREFIXES, unit_of, with_power
 from dem_bridge.version import __version__
 
 #: largest number of significant digits in Markdown and LaTeX
 MOST_DIGITS = 6
 #: largest ratio of two numbers in a column whose cells have no powers of ten of their own
 _SPREAD = 1e4
-#: powers of ten, their SI prefix and its macro in siunitx
-_PREFIXES = {int(power): spelling for power, spelling in SPELLING["prefixes"].items()}
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_TEX = str.maketrans(SPELLING["escapes_in_latex"])
+_TEX = str.maketrans(
+    {sign: rf"\{sign}" for sign in "&%$#_{}"}
+    | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    | {"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"}
+)
 
 
 def format_for(name: str | None, path: Path | None, table: str) -> str:
@@ -125,7 +127,7 @@ def _rounded(column: Column) -> _Rounded:
     if rounded == exact:
         rounded = [None if number is None else number.normalize() for number in rounded]
     cells = tuple(None if number is None else _number(number, power, scientific) for number in rounded)
-    text, tex = _unit(column.unit, power)
+    text, tex = with_power(column.unit, power)
     heading = column.heading
     return _Rounded(
         f"{heading} ({text})" if text else heading,
@@ -150,23 +152,7 @@ def _scale(column: Column) -> tuple[int, bool]:
     if fixed or (plain and not unit.prefixed and column.unit != "kg"):
         return 0, False
     power = 3 * math.floor(math.log10(middle) / 3.0)  # by the median, so that similar columns have the same unit
-    return (power, False) if power in _PREFIXES or not unit.prefixed else (0, True)
-
-
-def _unit(unit: str, power: int) -> tuple[str, str]:
-    """Return the unit in plain text and in LaTeX, with a power of ten in front."""
-    style = unit_of(unit)
-    macros = not re.search(r"\$|\\si", style.tex)
-    if power == 0:
-        return style.text, f"\\si{{{style.tex}}}" if macros and style.tex else style.tex
-    if unit == "kg" and power + 3 in _PREFIXES:
-        sign, macro = _PREFIXES[power + 3]
-        return f"{sign}g", f"\\si{{{macro}\\gram}}"
-    if style.prefixed:
-        sign, macro = _PREFIXES[power]
-        return f"{sign}{style.text}", f"\\si{{{macro}{style.tex}}}"
-    tex = f"\\si{{{style.tex}}}" if macros else style.tex
-    return f"10{str(power).translate(_SUPERSCRIPT)} {style.text}".rstrip(), f"$10^{{{power}}}$ {tex}".rstrip()
+    return (power, False) if power in PREFIXES or not unit.prefixed else (0, True)
 
 
 def _digits(value: float | int | str, uncertainty: Cell, default: int) -> int:

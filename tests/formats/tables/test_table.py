@@ -7,7 +7,8 @@ import math
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.tables.table import UNITS, Table, with_uncertainty
+from dem_bridge.formats.tables.table import Table, with_uncertainty
+from dem_bridge.formats.units import UNITS
 from tests.helpers.columns import counts, numbers, texts
 
 

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.tables.table import UNITS, Cell, Table, with_uncertainty
+from dem_bridge.formats.tables.table import Cell, Table, with_uncertainty
 from dem_bridge.formats.tables.text import (
     FORMATS,
     SUFFIXES,
@@ -31,6 +31,7 @@ from dem_bridge.formats.tables.text import (
     as_tex,
     format_for,
 )
+from dem_bridge.formats.units import UNITS
 from tests.helpers.columns import counts, numbers, texts
 from tests.helpers.foreign_readers import NUMBER, read_markdown, read_tex
 from tests.helpers.strategies import examples
