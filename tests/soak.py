@@ -210,7 +210,7 @@ def clock_set_back(case: Round) -> None:
     case.wait(program)
     _shift(case, case.draw.choice([-3650 * _DAY, _DAY, 3650 * _DAY]))  # while it runs
     case.finish(program)
-    # claims that it held then were taken for old: none, for it was alone
+    # locks that it held then were taken for old: none, for it was alone
     store = Store(case.survival.store, limit=1)
     store._make_room()
     case.again += CASES - len(case.entries())

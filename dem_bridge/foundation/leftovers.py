@@ -20,7 +20,7 @@ from tempfile import gettempdir
 _OWNER = re.compile(r"-([0-9a-f]{8})-([0-9a-f]+)-([0-9a-f]+)-")
 
 #: suffix of a link that names its process by its target
-CLAIM = ".claim"
+LOCK = ".lock"
 #: s
 _JUST_MADE = 1.0
 #: folder of shared memory on Linux
@@ -50,7 +50,7 @@ def sweep(folder: Path) -> None:
         names = os.listdir(folder)
     for path in (folder / name for name in names):
         with suppress(OSError):  # another process was here, or it is of another user
-            if not is_left_behind(os.readlink(path) if path.suffix == CLAIM else path.name):
+            if not is_left_behind(os.readlink(path) if path.suffix == LOCK else path.name):
                 continue
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)

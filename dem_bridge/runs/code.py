@@ -25,8 +25,8 @@ PACKAGE = Path(__file__).parents[1]
 NOT_IN_RUNS = (
     "api", "cli", "ensembles", "formats", "foundation.guests", "foundation.notebook", "foundation.notebook_sketch",
     "foundation.presenters", "foundation.summary", "judging", "observables.differences", "observables.verdict", "plot",
-    "report", "runs.cache", "runs.campaign", "runs.case", "runs.claims", "runs.code", "runs.costs", "runs.digits",
-    "runs.inspect", "runs.keys", "runs.planning", "runs.recall", "runs.store", "studies", "trajectory.shown",
+    "report", "runs.cache", "runs.campaign", "runs.case", "runs.code", "runs.costs", "runs.digits", "runs.inspect",
+    "runs.keys", "runs.locks", "runs.planning", "runs.recall", "runs.store", "studies", "trajectory.shown",
     "verification",
 )  # fmt: skip
 #: modules, and folders of them, that no number of a study passes through

@@ -2,8 +2,8 @@
 
 An entry is one file: a line with the sha256 of the rest, a line of JSON with type and shape of each array, the arrays'
 bytes. One that does not fit its checksum is set aside and computed again. It is written under another name and renamed,
-which is atomic on local and on network file systems; nothing is ever locked. Processes that make runs say so by claims
-(:mod:`.claims`), which are advice.
+which is atomic on local and on network file systems; no file is ever locked. Processes that make runs say so by
+locks (:mod:`.locks`), which are advice.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
 from dem_bridge.foundation.files import check_folder, checked_file
-from dem_bridge.foundation.leftovers import CLAIM, owned, sweep
+from dem_bridge.foundation.leftovers import LOCK, owned, sweep
 from dem_bridge.runs.code import changed_since_start
 from dem_bridge.runs.keys import SCHEMA, determined_by
 from dem_bridge.scene.scene import Scene
@@ -214,7 +214,7 @@ class Store:
                 if entry.name.endswith(SUFFIX):
                     entries.append((about.st_mtime_ns, about.st_size, entry.path))
                 # a file from the future is old: the clock was set back
-                elif entry.name.endswith((_PART, DAMAGED, CLAIM)) and abs(now - about.st_mtime) > _LEFT_BEHIND:
+                elif entry.name.endswith((_PART, DAMAGED, LOCK)) and abs(now - about.st_mtime) > _LEFT_BEHIND:
                     os.unlink(entry.path)
         total = sum(size for _, size, _ in entries)
         if total > self.limit:

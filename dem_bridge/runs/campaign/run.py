@@ -24,7 +24,7 @@ from dem_bridge.runs.campaign.executors import Jobs, fingerprint_of, run_by_exec
 from dem_bridge.runs.campaign.nodes import Graph, Node, Run
 from dem_bridge.runs.campaign.pool import run_in_processes
 from dem_bridge.runs.campaign.results import Progress, Result, run_case
-from dem_bridge.runs.campaign.tasks import Outcome, Task, claim_of, is_stored, key_where_made, perform_task, with_run
+from dem_bridge.runs.campaign.tasks import Outcome, Task, is_stored, key_where_made, lock_of, perform_task, with_run
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.digits import fingerprint, made_at
 from dem_bridge.runs.store import Store
@@ -244,14 +244,14 @@ def _outcomes(
         label = task.case.label
         say(label, 0.0)
         state.update(running=(label,))
-        with claim_of(task) as free:
+        with lock_of(task) as free:
             if not free:  # another campaign is at it
                 here.append(replace(task, waits=True))
                 continue
             with listening(partial(_within, say, label, task.case.expected)):
                 stored = with_run(task, Outcome(kept=True)) if is_stored(task) else None
                 outcome = stored or perform_task(replace(task, folder=None, here=True))
-            yield task, outcome  # it is stored before the claim ends
+            yield task, outcome  # it is stored before the lock ends
 
 
 def _workers(jobs: int | None, cases: Iterable[Case]) -> int:

@@ -21,8 +21,8 @@ from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign.identity import check_identity, identity
 from dem_bridge.runs.campaign.results import Crashed, Failure, run_case
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.claims import claimed, wait_for_release
 from dem_bridge.runs.digits import fingerprint, made_at, planned_fingerprint
+from dem_bridge.runs.locks import locked, wait_for_release
 from dem_bridge.runs.store import Store
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.version import __version__
@@ -83,7 +83,7 @@ class Outcome:
     """What the campaign stops with, in place of a result."""
     kept: bool = False
     """The run is in the store, and not here."""
-    claimed: bool = False
+    locked: bool = False
     """Another campaign is at the run, and it was not made."""
     key: str | None = None
     """Key of the run where it was made; None: it cannot be stored."""
@@ -116,9 +116,9 @@ def perform(packed: bytes) -> Outcome:
 
 def perform_task(task: Task) -> Outcome:
     """Solve the case of a task; never raises. A run that another campaign makes or has stored is not made again."""
-    with claim_of(task) as free:
+    with lock_of(task) as free:
         if not free:
-            return Outcome(claimed=True)
+            return Outcome(locked=True)
         return Outcome(kept=True) if is_stored(task) else _perform(task)
 
 
@@ -168,15 +168,15 @@ def is_stored(task: Task) -> bool:
 
 
 @contextmanager
-def claim_of(task: Task) -> Iterator[bool]:
-    """Claim the run of a task within this context; yield False if another campaign is at it."""
+def lock_of(task: Task) -> Iterator[bool]:
+    """Lock the run of a task within this context; yield False if another campaign is at it."""
     if task.folder is None or task.key is None or task.shared or task.recompute:
         yield True
         return
     about = task.folder, task.key, task.case.expected
     if task.waits:
         wait_for_release(*about, at_most=_PAUSE)
-    with claimed(*about) as free:
+    with locked(*about) as free:
         yield free
 
 
@@ -233,7 +233,7 @@ class Work:
 
         One that another campaign is at comes last.
         """
-        if outcome.claimed:
+        if outcome.locked:
             self.pending.append([replace(task, waits=True)])
         elif (complete := with_run(task, outcome)) is None:
             self.pending.appendleft([replace(task, folder=None)])

@@ -39,8 +39,8 @@ from dem_bridge.runs.campaign import (
 from dem_bridge.runs.campaign.nodes import Node
 from dem_bridge.runs.campaign.tasks import Outcome, Task, Work, packed, perform_all, perform_task
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.claims import claimed
 from dem_bridge.runs.digits import fingerprint
+from dem_bridge.runs.locks import locked
 from dem_bridge.runs.store import Store
 from tests.helpers.campaign_cases import SHORT, OnArrival, short_case
 
@@ -335,18 +335,18 @@ def test_a_run_that_another_campaign_makes_is_left_to_it(tmp_path: Path, monkeyp
     task, waited = _task(tmp_path), list[float]()
     assert task.key is not None
     monkeypatch.setattr(tasks, "wait_for_release", lambda *_, at_most: waited.append(at_most))
-    with claimed(tmp_path, task.key, 1.0) as free:
+    with locked(tmp_path, task.key, 1.0) as free:
         assert free
-        assert perform_task(task) == Outcome(claimed=True)
+        assert perform_task(task) == Outcome(locked=True)
         assert waited == []
-        assert perform_task(replace(task, waits=True)).claimed
+        assert perform_task(replace(task, waits=True)).locked
         assert waited == [1.0]
-        # a claim does not hold up what has to be made here
+        # a lock does not hold up what has to be made here
         for other in (replace(task, shared=True), replace(task, recompute=True)):
-            assert not perform_task(other).claimed
+            assert not perform_task(other).locked
     work = Work([], 1)
     work.pending.append([_task(name="b")])
-    assert list(work.done(task, Outcome(claimed=True))) == []
+    assert list(work.done(task, Outcome(locked=True))) == []
     assert [[each.name for each in chunk] for chunk in work.pending] == [["b"], ["a"]]
     assert work.pending[1][0].waits
     # a run that is not there is made again at once, and travels

@@ -1,6 +1,6 @@
-"""Claims: marks in a store which say that a process is at a run, so that no other makes the same run.
+"""Locks: marks in a store which say that a process is at a run, so that no other makes the same run.
 
-A claim is advice. One that cannot be made, that is ignored or that is taken over costs a run that is made twice, and no
+A lock is advice. One that cannot be made, that is ignored or that is taken over costs a run that is made twice, and no
 result. It is a symbolic link whose target names the process: the file system makes it as a whole or not at all, also on
 a network, and no file is locked.
 """
@@ -13,17 +13,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from dem_bridge.foundation.leftovers import CLAIM, is_left_behind, owned
+from dem_bridge.foundation.leftovers import LOCK, is_left_behind, owned
 
-#: a claim counts for this time, s, and this factor times the expected time of its run
+#: a lock counts for this time, s, and this factor times the expected time of its run
 _MARGIN, _FACTOR = 60.0, 10.0
-#: s between two looks at a claim that is waited for
+#: s between two looks at a lock that is waited for
 _POLL = 0.05
 
 
 @contextmanager
-def claimed(folder: Path, key: str, expected: float) -> Iterator[bool]:
-    """Claim the run of a key within this context; yield False if another process is at it.
+def locked(folder: Path, key: str, expected: float) -> Iterator[bool]:
+    """Lock the run of a key within this context; yield False if another process is at it.
 
     Parameters
     ----------
@@ -34,10 +34,10 @@ def claimed(folder: Path, key: str, expected: float) -> Iterator[bool]:
     expected : float
         Time that the run is expected to take, s.
     """
-    path, owner = folder / f"{key}{CLAIM}", f"{owned('claim')}{os.urandom(4).hex()}"
+    path, owner = folder / f"{key}{LOCK}", f"{owned('lock')}{os.urandom(4).hex()}"
     free = _link(owner, path)
     if not free and (free := not is_held(path, expected)):
-        # two that take the claim over at the same moment make the same run
+        # two that take the lock over at the same moment make the same run
         part = path.with_name(f"{owner}.part")
         if _link(owner, part):
             with suppress(OSError):
@@ -51,9 +51,9 @@ def claimed(folder: Path, key: str, expected: float) -> Iterator[bool]:
 
 
 def is_held(path: Path, expected: float) -> bool:
-    """Return True if a claim is that of a living process, as far as this machine can know, and no older than its time.
+    """Return True if a lock is that of a living process, as far as this machine can know, and no older than its time.
 
-    A claim from the future is old: the clock was set back, or another machine has another time.
+    A lock from the future is old: the clock was set back, or another machine has another time.
     """
     try:
         age = abs(time.time() - path.lstat().st_mtime)
@@ -63,9 +63,9 @@ def is_held(path: Path, expected: float) -> bool:
 
 
 def wait_for_release(folder: Path, key: str, expected: float, at_most: float) -> None:
-    """Wait until the run of a key is no longer claimed, ``at_most`` so many s."""
+    """Wait until the run of a key is no longer locked, ``at_most`` so many s."""
     end = time.monotonic() + at_most
-    while is_held(folder / f"{key}{CLAIM}", expected) and time.monotonic() < end:
+    while is_held(folder / f"{key}{LOCK}", expected) and time.monotonic() < end:
         time.sleep(_POLL)
 
 
