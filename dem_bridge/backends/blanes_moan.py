@@ -15,9 +15,9 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.splitting import Method, solve
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.scene import features
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.support import Support

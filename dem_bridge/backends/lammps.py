@@ -18,14 +18,10 @@ from dem_bridge.backends.lammps_output import (
 )
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.roundoff import roundoff_floor
-from dem_bridge.backends.steps import fixed_step_plan, radius_of, read_off
-from dem_bridge.backends.tabled import (
-    measured,
-    predicted_energy_error,
-    predicted_error,
-    prescan_scene,
-    tables_for,
-)
+from dem_bridge.backends.scene_prescan import prescan_scene
+from dem_bridge.backends.steps import fixed_step_plan, read_off
+from dem_bridge.backends.surrogate_radius import radius_of
+from dem_bridge.backends.tabled import measured, predicted_energy_error, predicted_error, tables_for
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.foundation import progress
 from dem_bridge.foundation.stopwatch import Stopwatch

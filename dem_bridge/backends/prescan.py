@@ -1,7 +1,8 @@
 """A coarse run of a scene before the real run: the depth and rate of its contacts, and the range of its bodies.
 
-Decks need it for the surrogate radius, fixed-step runs for the spacing of dense samples. It is velocity-Verlet with a
-step that follows the stiffest contact of the moment, accurate to about a per cent, or a few with damping.
+Decks need it for the surrogate radius (:mod:`.surrogate_radius`), fixed-step runs for the spacing of dense samples. It
+is velocity-Verlet with a step that follows the stiffest contact of the moment, accurate to about a per cent, or a few
+with damping.
 """
 
 from __future__ import annotations
@@ -22,8 +23,6 @@ from dem_bridge.scene.scene import Scene
 
 #: one number for each body or contact: an array, or a list for the interpreter
 Row = Any
-#: gauge radius over the largest overlap, at least
-SURROGATE_MARGIN = 1.25
 #: fraction of 1/omega taken as the step
 _STEP = 0.1
 #: contacts times steps that are interpreted in less time than the compiler takes to load; steps of most scenes
@@ -46,26 +45,6 @@ class Prescan:
     highest: float
     """m: largest displacement of any body."""
     steps: int
-
-    @property
-    def surrogate_radius(self) -> float:
-        """Radius for a code that keeps positions, m; see :func:`surrogate_radius`."""
-        return surrogate_radius(float(np.max(self.peak_overlap, initial=0.0)))
-
-
-def surrogate_radius(peak_overlap: float) -> float:
-    """Radius for a deck, m: the next power of two above 1.25 times the largest overlap (m).
-
-    Neighbours of neighbours then never touch, and the round-off floor follows the scene's own scale.
-
-    >>> surrogate_radius(16e-6) == 2.0**-15
-    True
-    """
-    if not (math.isfinite(peak_overlap) and peak_overlap >= 0.0):
-        raise ValueError(f"peak overlap = {peak_overlap!r} m; allowed: finite, >= 0")
-    if peak_overlap == 0.0:
-        return 2.0**-15  # nothing touches: any radius serves
-    return 2.0 ** (math.floor(math.log2(SURROGATE_MARGIN * peak_overlap)) + 1)
 
 
 def prescan_hertz(scene: Scene, *, max_steps: int = 200_000_000) -> Prescan:

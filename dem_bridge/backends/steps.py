@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dem_bridge.backends.base import Named, Resolution, Sampling, run_provenance
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scales import resting_acceleration
-from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.errors import RunBroken
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule, damped_peaks, extremes, schedule
@@ -56,20 +56,6 @@ def fixed_step_plan(
     return schedule(
         duration=scene.duration, samples=sampling.equal_steps, dt=dt, frequency=prescan.frequency, bodies=scene.n_body
     )
-
-
-def radius_of(scene: Scene, resolution: Resolution, prescan: Prescan) -> float:
-    """Return the radius of the bodies of a code that keeps positions, m: a given one, or that of the geometry."""
-    if resolution.surrogate_radius is not None:
-        return resolution.surrogate_radius
-    if resolution.geometry == "surrogate":
-        return prescan.surrogate_radius
-    if scene.spacing is None:
-        raise UsageError(
-            f"geometry = 'physical' on {scene.name}, which has no spacing of its bodies; allowed: 'surrogate', a"
-            " surrogate_radius, or a scene in physical form"
-        )
-    return 0.5 * scene.spacing
 
 
 def check_finite(code: Named, scene: Scene, plan: Schedule, velocity: Floats) -> None:

@@ -9,9 +9,11 @@ position is ever subtracted from another: what LAMMPS loses there is what the tw
 from __future__ import annotations
 
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.splitting import EXACT
-from dem_bridge.backends.steps import fixed_step_plan, radius_of
-from dem_bridge.backends.tabled import in_kernel, prescan_scene, tables_for
+from dem_bridge.backends.steps import fixed_step_plan
+from dem_bridge.backends.surrogate_radius import radius_of
+from dem_bridge.backends.tabled import in_kernel, tables_for
 from dem_bridge.backends.twin import TWIN, solve_plan
 from dem_bridge.scene import features
 from dem_bridge.scene.scene import Scene

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.prescan import Prescan
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.keys import study_key
 from dem_bridge.runs.store import Store

@@ -15,9 +15,10 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.backends.precision import PRECISIONS, velocities_in
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.splitting import FUSED
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.surrogate_radius import radius_after
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.report.study import FigureData, Series, Study
@@ -132,7 +133,7 @@ def errors_of(scene: Scene, factor: int = 1, with_reference: bool = False) -> It
     plan = fixed_step_plan(scene, Resolution(dt=factor * default.step * (1.0 + 1e-12)), sampling, prescan)
     twin = solve_plan(scene, plan).velocity
     exact = backend("reference").run(scene, Resolution(), sampling).velocity if with_reference else None
-    radii = {SURROGATE: prescan.surrogate_radius}
+    radii = {SURROGATE: radius_after(prescan)}
     if scene.spacing is not None:
         radii[REAL] = 0.5 * scene.spacing
     touched = prescan.peak_overlap[prescan.peak_overlap > 0.0]

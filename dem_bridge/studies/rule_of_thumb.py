@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.conserved import energy_parts, energy_uncertainty
 from dem_bridge.observables.observable import LARGEST, Observable

@@ -34,7 +34,7 @@ from dem_bridge.scene.file.physical import scattered as turned_by_chance
 from dem_bridge.scene.geometry import Geometry
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
-from dem_bridge.verification.roles import REFERENCE
+from dem_bridge.verification.reference import REFERENCE
 
 TEXTS = Texts("scatter", "dem_bridge.studies")
 #: observables that are compared with those of the chain with the intended angles

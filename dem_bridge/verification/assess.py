@@ -16,8 +16,9 @@ from dem_bridge.runs.campaign import Result
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification import checks
-from dem_bridge.verification.budget import Budget, allowance, budgets
+from dem_bridge.verification.budget import Budget, budgets
 from dem_bridge.verification.roles import Roles, Runs
+from dem_bridge.verification.tolerances import twin_tolerance
 
 #: outcomes that need no further word
 CLEAN = (Outcome.PASS, Outcome.MODEL_DIFFERENCE)
@@ -155,7 +156,7 @@ def _implementation(roles: Roles, runs: _Trajectories, budget: tuple[Budget, ...
         return
     allowed = {part.quantity: part.allowed for part in budget}
     # contact forces have no uncertainty of their own, but their difference must be explained as well
-    allowed["contact_force"] = allowance(roles.readings, "contact_force", twin, positional, runs.tabled_twin)
+    allowed["contact_force"] = twin_tolerance(roles.readings, "contact_force", twin, positional, runs.tabled_twin)
     for quantity, bound in allowed.items():
         yield checks.explained(roles, quantity, engine, positional, allowed=bound)
 

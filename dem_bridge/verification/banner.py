@@ -18,7 +18,7 @@ from dem_bridge.report.texts import Texts, fill
 from dem_bridge.verification.assess import Refinement, SceneStudy
 from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.checks import INDEPENDENT
-from dem_bridge.verification.roles import REFERENCE
+from dem_bridge.verification.reference import REFERENCE
 
 TEXTS = Texts("banner", "dem_bridge.verification")
 #: accuracies for which the step is said, the finest last

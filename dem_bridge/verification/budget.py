@@ -18,13 +18,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from dem_bridge.observables.differences import Readings
 from dem_bridge.observables.verdict import plain
-from dem_bridge.runs.uncertainty.fixed_step import REALISATIONS
-from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
+from dem_bridge.verification.tolerances import twin_tolerance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,26 +82,8 @@ def budgets(
                     "reference": error.reference_uncertainty,
                 },
                 unexplained=readings.difference(quantity, engine, positional).value,
-                allowed=allowance(readings, quantity, twin, positional, tabled),
+                allowed=twin_tolerance(readings, quantity, twin, positional, tabled),
                 scale_name=error.scale_name,
             )
         )
     return tuple(budgets)
-
-
-def allowance(
-    readings: Readings, quantity: str, twin: Trajectory, positional: Trajectory, tabled: Trajectory | None = None
-) -> float:
-    """Return how much LAMMPS may differ from the positional twin, relative.
-
-    Both round in the same way, but not each operation in the same order; the errors of step and sampling are the same.
-    """
-    # two realisations of the round-off, each as large as the known one
-    rounding = readings.difference(quantity, positional, tabled or twin).value
-    allowed = 2.0 * rounding + REALISATIONS * twin.uncertainty.parts["last_digit"]
-    if quantity == "displacement":
-        # a body that drifts adds the same increment at every step, which may fall on either side of a tie each time
-        farthest = 2.0 * float(positional.provenance["settings"]["surrogate_radius"]) * twin.velocity.shape[1]
-        largest = float(np.max(np.abs(twin.displacement), initial=0.0))
-        allowed += relative_size(twin.cost.steps * float(np.spacing(farthest + largest)), largest)
-    return allowed

@@ -29,19 +29,20 @@ from dem_bridge.observables.verdict import Outcome, Verdict, judge, judge_relati
 from dem_bridge.runs.campaign import Result
 from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
-from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN, Roles
+from dem_bridge.verification.reference import REFERENCE, SCIPY, SCIPY_UNCERTAINTY
+from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN, Roles
+from dem_bridge.verification.tolerances import (
+    ORDER_TOLERANCE,
+    accuracy_tolerance,
+    momentum_tolerance,
+    references_tolerance,
+    table_tolerance,
+)
 
-#: permissible deviation of the observed order from 2, and from 1 where forces depend on velocities
-ORDER_TOLERANCE = {2: 0.05, 1: 0.1}
 #: meaning of the difference between the two references
 INDEPENDENT = "independent check (two unrelated integrators)"
-#: uncertainty of scipy, relative to the largest velocity, where it was not estimated: its maximum over the shipped
-#: scenes
-SCIPY_UNCERTAINTY = 2e-10
 #: observables in which binary collisions are compared with the reference
 MODELLED = ("arrival", "residence_time", "arrival_at_end", "peak_force", "velocity")
-#: permissible ratio of measured to predicted table errors: both are sampled, and neither samples the exact maximum
-TABLE_TOLERANCE = 1.1
 
 
 def absent(roles: Roles, name: str, result: Result) -> Verdict:
@@ -69,13 +70,13 @@ def implementation(roles: Roles, engine: Trajectory, twin: Trajectory) -> Verdic
 def table(roles: Roles, engine: Trajectory) -> list[Verdict]:
     """Judge forces and energies that LAMMPS takes from tables against the contact laws and the predicted errors."""
     errors, name = engine.provenance["table"], roles.engine
-    checked = [("table", "forces", "each contact's largest force", "error", TABLE_TOLERANCE)]
+    checked = [("table", "forces", "each contact's largest force", "error")]
     if "measured_energy_error" in errors:  # a contact was closed when LAMMPS printed its energies
-        checked.append(("table_energy", "potential energies", "the largest energy in contacts", "energy_error", 1.0))
+        checked.append(("table_energy", "potential energies", "the largest energy in contacts", "energy_error"))
     verdicts = []
-    for quantity, what, scale, key, factor in checked:
+    for quantity, what, scale, key in checked:
         measured, predicted = errors[f"measured_{key}"], errors[f"predicted_{key}"]
-        tolerance = factor * predicted + errors["round_off"]
+        tolerance = table_tolerance(errors, key)
         verdicts.append(
             Verdict(
                 scene=roles.scene.name,
@@ -129,7 +130,7 @@ def two_methods(roles: Roles, second: Trajectory | None, reference: Trajectory, 
     compared = roles.readings.difference("velocity", second or reference, reference)
     if not estimated:
         compared = replace(compared, uncertainty=SCIPY_UNCERTAINTY)
-    allowed = compared.uncertainty + compared.reference_uncertainty
+    allowed = references_tolerance(compared)
     if second is None:
         name, outcome = SCIPY, Outcome.NOT_RUN
         sentence = f"{REFERENCE} on {roles.scene.name} was answered by {SCIPY}: no second solution to compare with."
@@ -170,8 +171,7 @@ def accuracy(roles: Roles, name: str, run: Trajectory, reference: Trajectory, to
             scene=roles.scene.name,
             backend=name,
             reference=REFERENCE,
-            # the accuracy is that of velocities; other quantities may err by the uncertainty at this step
-            tolerance=tolerance if of_velocity else max(tolerance, compared.uncertainty),
+            tolerance=accuracy_tolerance(compared, tolerance),
             meaning=meaning,
             first_divergence=first_divergence(run, reference, tolerance) if of_velocity else None,
         )
@@ -267,9 +267,7 @@ def conserved(roles: Roles, run: Trajectory, tolerance: float, reference: Trajec
     """
     verdicts = []
     if roles.scene.conserves_momentum:
-        # each step rounds each velocity by at most half a unit in its last place
-        digits = run.cost.steps * float(np.finfo(float).eps)
-        verdicts.append(_drift(roles, run, "momentum", digits, "round-off"))
+        verdicts.append(_drift(roles, run, "momentum", momentum_tolerance(run), "round-off"))
     if roles.scene.conserves_energy:
         verdicts.append(_drift(roles, run, "energy", tolerance, "time step"))
     elif not roles.scene.dissipates:

@@ -22,7 +22,8 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.chains import body_noun
 from dem_bridge.verification.figures import spacetime_panel
-from dem_bridge.verification.roles import REFERENCE, TWIN
+from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.roles import TWIN
 
 #: the shipped scene that is solved, and the time step of LAMMPS, s
 SCENE, STEP = "tapered-backward", 1e-7

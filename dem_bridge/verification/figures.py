@@ -25,7 +25,8 @@ from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.chains import body_noun, time_after_front
-from dem_bridge.verification.roles import REFERENCE, THEORY, TWIN
+from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.roles import THEORY, TWIN
 
 #: in place of a scene, for observables that are read off a run alone
 NO_SCENE = cast(Scene, None)

@@ -28,8 +28,9 @@ LANGUAGE = frozenset(
     )
 )  # fmt: skip
 #: modules through which nothing reaches the values of a run. ``tabled`` gives the twin the tables of a deck for the
-#: uncertainty of LAMMPS, and for its own values with ``tables=True`` only; ``roundoff`` writes a comment of a deck
-ASIDE = frozenset(f"dem_bridge.backends.{name}" for name in ("roundoff", "tabled"))
+#: uncertainty of LAMMPS, and for its own values with ``tables=True`` only; ``scene_prescan`` runs the twin for scenes
+#: whose laws are functions, of which only the largest values are read; ``roundoff`` writes a comment of a deck
+ASIDE = frozenset(f"dem_bridge.backends.{name}" for name in ("roundoff", "scene_prescan", "tabled"))
 #: a backend that answers through another where its own method does not fit, and says so in the run's provenance
 ANSWERS_THROUGH: Mapping[str, str] = MappingProxyType({"reference": "scipy"})
 

@@ -15,7 +15,8 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.chains import FEW, body_noun
 from dem_bridge.verification.closed_form import closed_form
 from dem_bridge.verification.figures import spacetime_panel
-from dem_bridge.verification.roles import REFERENCE, THEORY
+from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.roles import THEORY
 
 #: forms of lines that differ in grey
 _FORMS = (0, 3, 4, 5)

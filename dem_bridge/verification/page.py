@@ -21,7 +21,8 @@ from dem_bridge.verification.chains import chains_of, error_scale
 from dem_bridge.verification.figures import spacetime_maps
 from dem_bridge.verification.independence import ANSWERS_THROUGH, Shared, matrix
 from dem_bridge.verification.pictures import picture_of_runs
-from dem_bridge.verification.roles import BLANES_MOAN, POSITIONAL, REFERENCE, SCIPY, THEORY, TWIN
+from dem_bridge.verification.reference import BLANES_MOAN, REFERENCE, SCIPY
+from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN
 from dem_bridge.verification.scope import scope
 from dem_bridge.verification.verification import Verification
 

@@ -21,25 +21,22 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Generic, TypeVar, cast
 
-from dem_bridge.backends.base import Resolution, Sampling, supports_of
-from dem_bridge.backends.blanes_moan import PHASE
-from dem_bridge.backends.reference import SERIES
-from dem_bridge.backends.steps import default_step
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.scene_prescan import prescan_scene
+from dem_bridge.backends.surrogate_radius import radius_after
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.differences import Readings
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
+from dem_bridge.verification.reference import REFERENCE, SCIPY, choose_references, second_settings
 
 GRANULAR, TABLE = "lammps-granular", "lammps-table"
-TWIN, REFERENCE, SCIPY, BLANES_MOAN, THEORY = "verlet", "reference", "scipy", "blanes-moan", "bca"
+TWIN, THEORY = "verlet", "bca"
 #: the name that verdicts give to the twin that keeps absolute positions, with the surrogate radius of the deck
 POSITIONAL = "verlet in positions"
 #: time steps of the refinement levels, in units of the main step
 REFINEMENT = (10.0, 5.0, 2.5, 1.25)
-#: as a second reference, the method of Blanes & Moan takes steps that are finer than its default by this factor
-FINER = 8
 
 Item = TypeVar("Item")
 Other = TypeVar("Other")
@@ -53,9 +50,9 @@ class Roles:
     engine: str
     """The LAMMPS backend that is verified: ``pair_style granular`` where it has the laws, otherwise ``table``."""
     solver: str
-    """The backend that solves for the reference: "reference", or "scipy" where the Taylor series do not fit."""
+    """As :class:`~dem_bridge.verification.reference.References` has it."""
     second_reference: str | None
-    """A backend of another method than the solver's; None: no other backend solves the scene to that accuracy."""
+    """As the second of these."""
 
     @cached_property
     def readings(self) -> Readings:
@@ -77,10 +74,8 @@ def assign_roles(scene: Scene) -> Roles:
     ('lammps-granular', 'reference', 'scipy')
     """
     engine = GRANULAR if GRANULAR_STYLE.covers(scene) else TABLE
-    if SERIES.covers(scene):
-        return Roles(scene=scene, engine=engine, solver=REFERENCE, second_reference=SCIPY)
-    second = BLANES_MOAN if supports_of(BLANES_MOAN).covers(scene) else None
-    return Roles(scene=scene, engine=engine, solver=SCIPY, second_reference=second)
+    solver, second = choose_references(scene)
+    return Roles(scene=scene, engine=engine, solver=solver, second_reference=second)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +140,7 @@ def list_cases(roles: Roles, main: Resolution, *, engine: Engine | None = None, 
     scene, sampling = roles.scene, Sampling(count=roles.scene.samples)
     levels = [replace(main, dt=factor * main.dt) for factor in REFINEMENT if full]
     tabled = replace(main, tables=roles.takes_tables)
-    positional = replace(tabled, surrogate_radius=prescan_scene(scene).surrogate_radius)
+    positional = replace(tabled, surrogate_radius=radius_after(prescan_scene(scene)))
 
     def case(name: str, resolution: Resolution, uncertainty: bool = True) -> Case:
         return Case(
@@ -158,11 +153,8 @@ def list_cases(roles: Roles, main: Resolution, *, engine: Engine | None = None, 
         )
 
     second = None
-    if roles.second_reference == SCIPY:
-        second = case(SCIPY, Resolution(), full)
-    elif roles.second_reference == BLANES_MOAN:
-        step = default_step(scene, sampling, prescan_scene(scene), PHASE) / FINER
-        second = case(BLANES_MOAN, Resolution(dt=step))
+    if (name := roles.second_reference) is not None:
+        second = case(name, second_settings(scene, name, sampling), full or name != SCIPY)
     return Runs(
         reference=case(REFERENCE, Resolution()),
         second_reference=second,

@@ -29,7 +29,8 @@ from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene
 from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.defects import named_failures
-from dem_bridge.verification.roles import REFERENCE, Roles, Runs, assign_roles, list_cases
+from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.roles import Roles, Runs, assign_roles, list_cases
 from dem_bridge.verification.verification import TEXTS, Verification, verification_of
 
 #: wanted accuracy of velocities where none is named; the paper's chains reach it at dt = 1e-8 s

@@ -15,7 +15,7 @@ from dem_bridge.backends.base import BACKENDS, supports_of
 from dem_bridge.backends.driven import driven_of, driving_force
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.scales import natural_scales
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.observables.accuracy import observed_order
 from dem_bridge.scene.drive import Drive

@@ -17,6 +17,7 @@ import dem_bridge as db
 from dem_bridge.backends import lammps
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
+from dem_bridge.backends.surrogate_radius import radius_after
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import EngineReport, run_deck
@@ -239,7 +240,7 @@ def test_bodies_that_touch_across_another_are_a_broken_run_with_the_numbers(monk
 @pytest.mark.parametrize("sound", [True, False])
 def test_the_numbers_are_those_of_the_bodies_that_touch(sound: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     prescan = prescan_hertz(SQUEEZED)
-    radius = prescan.surrogate_radius
+    radius = radius_after(prescan)
     plan = schedule(duration=SQUEEZED.duration, samples=10, dt=1e-6, frequency=prescan.frequency, bodies=3)
     # at the last look the two contacts are closed by 1.3 and 0.9 radii: 0.2 radii more than there is room for
     places = [(0.0, 2.0, 4.0)] * (len(plan.dense_steps) - 1) + [(0.0, 2.0, 4.0) if sound else (1.3, 2.0, 3.1)]
@@ -292,7 +293,7 @@ def _frames(**changes: object) -> bytes:
     """A dump as LAMMPS would write it for PAIR at dt = 1e-6: nothing moves."""
     prescan = prescan_hertz(PAIR)
     plan = schedule(duration=PAIR.duration, samples=10, dt=1e-6, frequency=prescan.frequency, bodies=2)
-    rows = [[1.0, 1.0, 0.0, 0.0, 0.0, 0.8, 0.0], [2.0, 1.0, 2.0 * prescan.surrogate_radius, 0.0, 0.0, 0.0, 0.0]]
+    rows = [[1.0, 1.0, 0.0, 0.0, 0.0, 0.8, 0.0], [2.0, 1.0, 2.0 * radius_after(prescan), 0.0, 0.0, 0.0, 0.0]]
     return b"".join(frame(int(step), rows, **changes) for step in plan.dense_steps)  # type: ignore[arg-type]
 
 

@@ -17,7 +17,7 @@ from dem_bridge.backends import twin
 from dem_bridge.backends.base import BACKENDS, Resolution, Sampling, backend, supports_of, unsupported_reason
 from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.scales import natural_scales
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.coefficients import Laws
 from dem_bridge.observables.conserved import energy, energy_parts

@@ -25,7 +25,8 @@ from rich.table import Table
 import dem_bridge as db
 from dem_bridge.backends.base import supports_of
 from dem_bridge.backends.reference import SERIES
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
+from dem_bridge.backends.surrogate_radius import radius_after
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.runs.planning.answer import Plan
 from dem_bridge.scene.scene import Scene
@@ -185,7 +186,7 @@ def _in_turn(
 
 def _of_lammps(seed: int, bench: Bench, accuracy: float) -> Row:
     # the grid is that of the twin in positions, which LAMMPS repeats; its CPU is LAMMPS' own
-    best = max(bench.coarsest("verlet", accuracy, surrogate_radius=bench.prescan.surrogate_radius), default=math.nan)
+    best = max(bench.coarsest("verlet", accuracy, surrogate_radius=radius_after(bench.prescan)), default=math.nan)
     row = {"seed": seed, "accuracy": accuracy, "asked": LAMMPS, "best": f"{best:.3g}"}
     try:
         plan = db.plan(bench.scene, accuracy, LAMMPS)

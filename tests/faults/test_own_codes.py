@@ -18,7 +18,8 @@ from dem_bridge.runs.campaign import run_case
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification.roles import REFERENCE, SCIPY, TWIN
+from dem_bridge.verification.reference import REFERENCE, SCIPY
+from dem_bridge.verification.roles import TWIN
 from tests.helpers.fault_judging import (
     BENCH,
     FREE,

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from dem_bridge.backends import lammps, lammps_output, steps
-from dem_bridge.verification.roles import POSITIONAL, REFERENCE, TWIN
+from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.roles import POSITIONAL, TWIN
 from tests.helpers.fault_decks import Change, both, run_with, substituted
 from tests.helpers.fault_judging import BENCH, ENERGY, IMPLEMENTATION, USER, Fault, minus, replaced
 from tests.helpers.fault_stand_in import Code, run_in_place_of_lammps, runs_of

@@ -14,7 +14,8 @@ from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.runs.campaign import run_case
 from dem_bridge.scene.scene import Wall
-from dem_bridge.verification.roles import POSITIONAL, REFERENCE, TABLE
+from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.roles import POSITIONAL, TABLE
 from tests.helpers.fault_decks import Change, run_with, substituted
 from tests.helpers.fault_judging import ENERGY, FREE, IMPLEMENTATION, ORDER, USER, Bench, Fault, minus, replaced
 

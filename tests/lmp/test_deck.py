@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsTable
-from dem_bridge.backends.prescan import surrogate_radius
+from dem_bridge.backends.surrogate_radius import surrogate_radius
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE

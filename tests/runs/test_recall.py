@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.backends import tabled
+from dem_bridge.backends import scene_prescan
 from dem_bridge.backends.prescan import Prescan
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.observables import registry
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Outcome, Verdict
@@ -166,11 +166,11 @@ def test_another_registered_observable_is_another_value(tmp_path: Path, monkeypa
 
 def test_a_prescan_is_made_once_for_all_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     prescans: dict[str, Prescan] = {}
-    monkeypatch.setattr(tabled, "PRESCANS", prescans)
+    monkeypatch.setattr(scene_prescan, "PRESCANS", prescans)
     recall_prescan(Store(tmp_path), SCENE)
     made = prescan_scene(SCENE)
     prescans.clear()  # another process
-    monkeypatch.setattr(tabled, "prescan_hertz", Mock(side_effect=AssertionError("made again")))
+    monkeypatch.setattr(scene_prescan, "prescan_hertz", Mock(side_effect=AssertionError("made again")))
     recall_prescan(Store(tmp_path), SCENE)
     assert _exact(prescan_scene(replace(SCENE, name="other"))) == _exact(made)
     with pytest.raises(AssertionError, match="made again"):

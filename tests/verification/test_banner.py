@@ -16,7 +16,8 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.banner import banner_of, largest_step
 from dem_bridge.verification.budget import Budget
-from dem_bridge.verification.roles import REFERENCE, TWIN, assign_roles
+from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.roles import TWIN, assign_roles
 from tests.helpers.fake_runs import free_flight
 
 SCENE = Scene(name="three", duration=1.5e-4, mass=(8e-3, 1e-2, 1e-2), stiffness=(4e9, 4e9), velocity=(0.8, 0.0, 0.0))

@@ -14,8 +14,10 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.studies import styles
 from dem_bridge.trajectory.trajectory import UNKNOWN, Trajectory
 from dem_bridge.verification import checks
+from dem_bridge.verification.reference import SCIPY_UNCERTAINTY
 from dem_bridge.verification.regression import compare
 from dem_bridge.verification.roles import assign_roles
+from dem_bridge.verification.tolerances import TABLE_FACTOR
 from tests.helpers.fake_runs import free_flight, uncertain
 
 SCENE = Scene(name="three", duration=1.0, mass=(2.0, 4.0, 8.0), stiffness=(100.0, 100.0), velocity=(1.0, 2.0, 3.0))
@@ -35,7 +37,7 @@ def _peak_force(run: Trajectory, share: float) -> Trajectory:
 
 
 def _tables(share: float) -> Trajectory:
-    table = {"measured_error": 0.3, "predicted_error": share / checks.TABLE_TOLERANCE, "round_off": 0.0}
+    table = {"measured_error": 0.3, "predicted_error": share / TABLE_FACTOR["error"], "round_off": 0.0}
     return replace(WRONG, provenance={"table": table})
 
 
@@ -78,7 +80,7 @@ def test_without_the_rule_any_value_would_pass(name: str, monkeypatch: pytest.Mo
 
 
 def test_a_second_reference_without_an_estimate_has_the_uncertainty_of_scipy() -> None:
-    near = free_flight(velocity=RIGHT.velocity * (1.0 + 0.5 * checks.SCIPY_UNCERTAINTY), uncertainty=UNKNOWN)
+    near = free_flight(velocity=RIGHT.velocity * (1.0 + 0.5 * SCIPY_UNCERTAINTY), uncertainty=UNKNOWN)
     assert checks.two_methods(ROLES, near, RIGHT, estimated=False).outcome is Outcome.PASS
     assert checks.two_methods(ROLES, WRONG, RIGHT, estimated=False).outcome is Outcome.FAIL
     assert checks.two_methods(ROLES, near, RIGHT).outcome is Outcome.UNDECIDED

@@ -18,7 +18,8 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.chains import error_scale
 from dem_bridge.verification.closed_form import closed_form, closed_form_table
 from dem_bridge.verification.motion import motion_panels
-from dem_bridge.verification.roles import REFERENCE, assign_roles
+from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.roles import assign_roles
 from tests.helpers.legibility import assert_legible
 
 PAIR = Scene(name="pair", duration=1.5e-4, mass=(8.1e-3, 10.1e-3), stiffness=(3.98e9,), velocity=(0.8, 0.0), samples=50)

@@ -13,10 +13,10 @@ JUDGED: dict[tuple[str, str], set[str]] = {
     **{(name, "reference"): {"scales"} for name in BACKENDS if name != "reference"},
     # a drive as kernels have it is in the coarse run alone: LAMMPS has its own formula
     # steps must be the same, and peaks be read off alike, so that both drop out of the difference; neither solves
-    ("lammps-granular", "verlet"): {"dense", "driven", "scales", "steps", "prescan"},
+    ("lammps-granular", "verlet"): {"dense", "driven", "scales", "steps", "prescan", "surrogate_radius"},
     # the twin takes LAMMPS' tables where it is asked to: then their lines are common to both and drop out, and what
     # LAMMPS makes of them is written a second time (cell, interpolation). Not asked, it knows nothing of tables
-    ("lammps-table", "verlet"): {"dense", "driven", "scales", "steps", "prescan"},
+    ("lammps-table", "verlet"): {"dense", "driven", "scales", "steps", "prescan", "surrogate_radius"},
     ("ase", "verlet"): {"dense", "driven", "scales", "steps", "prescan"},
     ("bca", "reference"): set(),
     ("adiabatic", "reference"): set(),
@@ -37,7 +37,8 @@ def test_only_fixed_step_codes_take_their_uncertainty_from_the_twin() -> None:
 
 
 def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_its_interpolation() -> None:
-    lent = {"pairing", "table", "law", "contact", "elliptic", "coefficients", "encoding", "tabled", "version"}
+    lent = {"pairing", "table", "law", "contact", "elliptic", "coefficients", "encoding", "tabled", "version",
+            "scene_prescan"}  # fmt: skip
     lent |= {"valid"}  # limits of numbers, and no formula
     emulated = {"cell", "interpolation", "splitting", "twin"}
     rules = {"differences", "early_touches", "family", "fixed_step", "grazes", "moments", "readings", "twins"}

@@ -15,8 +15,8 @@ import numpy as np
 from dem_bridge.backends.base import Resolution
 from dem_bridge.backends.bca import SINGLE_PULSE
 from dem_bridge.backends.prescan import Prescan
-from dem_bridge.backends.steps import radius_of
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
+from dem_bridge.backends.surrogate_radius import radius_of
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.formats.tables.table import COLUMNS, Table, tabulate
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE, Laws, laws, line_order, pairs

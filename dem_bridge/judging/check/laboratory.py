@@ -11,7 +11,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_reason
 from dem_bridge.backends.prescan import Prescan
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import DemBridgeError, RunBroken, UsageError
 from dem_bridge.formats.readers import read_record
 from dem_bridge.judging.check.subject import Subject

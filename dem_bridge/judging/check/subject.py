@@ -11,7 +11,7 @@ from typing import Any
 
 from dem_bridge.backends.base import Resolution, Sampling, unsupported_reason
 from dem_bridge.backends.lammps import LammpsGranular
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import SceneError, UnsupportedScene, UsageError
 from dem_bridge.foundation.files import text_of_file
 from dem_bridge.judging.check.edits import Edit, applied, finer, keeps_duration, only_steps

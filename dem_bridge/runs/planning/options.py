@@ -13,9 +13,9 @@ import numpy as np
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Backend, Sampling, backend, unsupported_reason
 from dem_bridge.backends.ode45 import DEFAULT_RTOL, state_scales
 from dem_bridge.backends.reference import SERIES
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import order_on
-from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.runs.planning.check import LEAST_RTOL, Candidate, Settled, Trial

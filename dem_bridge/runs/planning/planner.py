@@ -18,7 +18,7 @@ from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.reference import SERIES
 from dem_bridge.backends.roundoff import roundoff_floor
 from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
-from dem_bridge.backends.steps import radius_of
+from dem_bridge.backends.surrogate_radius import radius_of
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.foundation.numbers import check_number
 from dem_bridge.observables.accuracy import checked_accuracy

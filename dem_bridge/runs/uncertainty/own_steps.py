@@ -10,9 +10,9 @@ from functools import partial
 
 from dem_bridge.backends.blanes_moan import ORDER, PHASE, SRKN_6B, BlanesMoan
 from dem_bridge.backends.curves import CELLS
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.splitting import solve
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case

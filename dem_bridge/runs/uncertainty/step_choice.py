@@ -6,8 +6,9 @@ import math
 from dataclasses import replace
 
 from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_reason
-from dem_bridge.backends.steps import default_step, order_on, radius_of, round_step
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
+from dem_bridge.backends.steps import default_step, order_on, round_step
+from dem_bridge.backends.surrogate_radius import radius_of
 from dem_bridge.backends.twin import TWIN
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.accuracy import checked_accuracy

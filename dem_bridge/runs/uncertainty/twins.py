@@ -10,9 +10,11 @@ from functools import partial
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.curves import CELLS
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.splitting import EXACT, Tables
-from dem_bridge.backends.steps import fixed_step_plan, order_on, radius_of
-from dem_bridge.backends.tabled import in_kernel, prescan_scene, tables_for
+from dem_bridge.backends.steps import fixed_step_plan, order_on
+from dem_bridge.backends.surrogate_radius import radius_of
+from dem_bridge.backends.tabled import in_kernel, tables_for
 from dem_bridge.backends.twin import TWIN, solve_dense, solve_plan
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.runs.cache import RunCache

@@ -17,8 +17,8 @@ from dataclasses import replace
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_dense, solve_plan
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
@@ -34,7 +34,8 @@ from dem_bridge.studies.horizon import runs
 from dem_bridge.studies.horizon.verdicts import TEXTS, answer, figures, tables, verdicts
 from dem_bridge.trajectory.dense import MOST_STEPS, Schedule
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification.roles import REFERENCE, TWIN, assign_roles
+from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.roles import TWIN, assign_roles
 
 #: relative perturbation of every input, and of one in its last digit
 PERTURBATION, DIGIT = 1e-10, 2.0**-52

@@ -19,7 +19,8 @@ from dem_bridge.report.texts import Texts, verdict_table
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.horizon.runs import KNOWN, Found, LongRun, Trust, horizon_of
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
-from dem_bridge.verification.roles import REFERENCE, TWIN
+from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.roles import TWIN
 
 TEXTS = Texts("horizon", "dem_bridge.studies")
 #: perturbed runs are independent from when the nearest two are this far apart, of the largest speed

@@ -32,7 +32,7 @@ from scipy.linalg import lstsq
 from scipy.stats import norm, qmc
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.cache import RunCache

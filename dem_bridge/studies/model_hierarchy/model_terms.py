@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.report.texts import Texts
 from dem_bridge.scene.file.physical import rounded
 from dem_bridge.scene.geometry import Body, Geometry

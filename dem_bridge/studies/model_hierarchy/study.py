@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling, supports_of
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.steps import default_step
-from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.registry import OBSERVABLES

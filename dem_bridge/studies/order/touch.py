@@ -15,7 +15,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.blanes_moan import ORDER, SRKN_6B
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.observables.verdict import Verdict, judge
 from dem_bridge.physics.exact import scaling, two_body_collision
 from dem_bridge.physics.touch import touch_coefficient

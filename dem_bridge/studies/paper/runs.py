@@ -15,7 +15,8 @@ from dem_bridge.scene.file.physical import rounded
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.effects import STRONG, VARIANTS
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification.roles import REFERENCE, SCIPY, assign_roles
+from dem_bridge.verification.reference import REFERENCE, SCIPY
+from dem_bridge.verification.roles import assign_roles
 
 #: the paper's own chains: verified in full, with refinement levels
 DECELERATING, ACCELERATING = "decelerating-40", "accelerating-40"

@@ -14,7 +14,8 @@ from dem_bridge.studies.paper.claims import by
 from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, THEORY, Effect
 from dem_bridge.studies.paper.runs import MAIN
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.roles import POSITIONAL, REFERENCE, SCIPY
+from dem_bridge.verification.reference import REFERENCE, SCIPY
+from dem_bridge.verification.roles import POSITIONAL
 
 ANSWER = PAPER.data["answer"]
 #: limits of this report, in addition to those of every report

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
-from dem_bridge.backends.prescan import surrogate_radius
 from dem_bridge.backends.reference import Reference
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
+from dem_bridge.backends.surrogate_radius import surrogate_radius
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.engine import Engine

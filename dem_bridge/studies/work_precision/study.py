@@ -13,7 +13,7 @@ from textwrap import shorten
 from typing import Any
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.report.study import Study, Table, check_setting

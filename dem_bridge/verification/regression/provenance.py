@@ -14,8 +14,8 @@ from datetime import UTC, datetime
 import numpy as np
 
 from dem_bridge.backends.base import ENGINE_BACKENDS, backend
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.steps import fixed_step_plan
-from dem_bridge.backends.tabled import prescan_scene
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.digits import planned_fingerprint

@@ -12,7 +12,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.base import BACKENDS, Resolution, Sampling
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.runs.planning import check, planner
 from dem_bridge.runs.planning.answer import Plan

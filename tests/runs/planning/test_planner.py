@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.backends.base import backend
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.errors import relative_error
 from dem_bridge.observables.registry import OBSERVABLES

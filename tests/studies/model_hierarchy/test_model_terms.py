@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from dem_bridge.studies.model_hierarchy.model_terms import (
     BARELY,

@@ -19,7 +19,7 @@ import xarray as xr
 import dem_bridge as db
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.prescan import Prescan
-from dem_bridge.backends.tabled import prescan_scene
+from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.report.study import Study
