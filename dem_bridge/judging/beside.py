@@ -21,6 +21,7 @@ from dem_bridge.judging.judgement import Addition, Judgement, judge_records
 from dem_bridge.judging.limits import deck_limits
 from dem_bridge.judging.reference import reference_at
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.report.columns import SECOND, Column
 from dem_bridge.report.study import FigureData, Series
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.case import Case
@@ -28,6 +29,11 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.relative import relative_size
 
 TEXTS = Texts("judge", "dem_bridge.judging")
+WORK_PRECISION_COLUMNS = (
+    "code", Column("time step", SECOND), "relative error", "order", Column("wall time", SECOND),
+    Column("CPU time", SECOND),
+)  # fmt: skip
+LIMITS_COLUMNS = ("property", "in the deck", "relative effect", "what to do")
 #: codes that run beside a foreign one, with their names on the page and their styles of drawing
 BESIDE = {"verlet": ("our twin", "curve/verlet"), "lammps-granular": ("LAMMPS", "curve/lammps-granular")}
 
@@ -128,7 +134,7 @@ def _work_precision(judgement: Judgement, name: str, runs: Sequence[ForeignRun],
     texts_of_others = [TEXTS("cost_beside", code=run.code, error=run.error, cpu=run.cpu) for run in others]
     return Addition(
         lines=(("cost", "; ".join((text, *texts_of_others))),),
-        tables=(TEXTS.table("work-precision", rows, quantity=words),),
+        tables=(TEXTS.table("work-precision", WORK_PRECISION_COLUMNS, rows, quantity=words),),
         figures=(_figure(results, words),),
         notes=(TEXTS("whole_process"), *notes),
     )
@@ -193,7 +199,7 @@ def _limits(judgement: Judgement, run: DeckRun) -> Addition:
         f"{limit.what} ({limit.found})" + ("" if math.isnan(limit.effect) else f" {limit.effect:.1e}")
         for limit in suspects
     ]
-    table = TEXTS.table("limits", rows, name=name)
+    table = TEXTS.table("limits", LIMITS_COLUMNS, rows, name=name)
     return Addition(
         lines=(("limits", TEXTS("limits", name=name, limits="; ".join(shown))),),
         tables=(replace(table, id=f"limits-{name}".replace(".", "-")),),

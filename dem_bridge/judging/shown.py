@@ -15,7 +15,16 @@ from dem_bridge.judging.error import FileErrors, QuantityErrors
 from dem_bridge.judging.judgement import Judgement
 from dem_bridge.judging.sentences import TEXTS, file_name, lines, share, two_digits
 from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.columns import SECOND, Column
 from dem_bridge.report.study import FigureData, Map, Panel, Series, Study, Table
+
+ERRORS_COLUMNS = (
+    "file", Column("time step", SECOND), "quantity", "error", "uncertainty", "largest value", "unit", "relative error",
+    "place", Column("time", SECOND),
+)  # fmt: skip
+ORDERS_COLUMNS = ("quantity", "order", "uncertainty", Column("coarsest step", SECOND), Column("finest step", SECOND))
+RECOGNISED_COLUMNS = ("assumption",)
+
 
 #: words for quantities in a sentence
 WORDS = {"velocity": "velocities", "displacement": "displacements", "contact_force": "contact forces"}
@@ -62,7 +71,7 @@ def judgement_study(judgement: Judgement) -> Study:
     if judgement.order:
         tables.append(_order_table(judgement))
     if judgement.recognised:
-        tables.append(TEXTS.table("recognised", [(text,) for text in judgement.recognised]))
+        tables.append(TEXTS.table("recognised", RECOGNISED_COLUMNS, [(text,) for text in judgement.recognised]))
     return JudgementStudy(
         id="judge",
         title=TEXTS("title", files=_several(names), scene=judgement.scene.name),
@@ -96,7 +105,7 @@ def _error_table(judgement: Judgement) -> Table:
             numbers = (part.value, part.uncertainty, part.scale, part.unit, part.relative(part.value))
             when = float(file.record.time[part.worst[0]])
             rows.append((file.record.name, step, name.replace("_", " "), *numbers, part.place, when))
-    return TEXTS.table("errors", rows)
+    return TEXTS.table("errors", ERRORS_COLUMNS, rows)
 
 
 def _order_table(judgement: Judgement) -> Table:
@@ -106,7 +115,7 @@ def _order_table(judgement: Judgement) -> Table:
         for part in judgement.convergence
         if part.order is not None
     ]
-    return TEXTS.table("orders", rows)
+    return TEXTS.table("orders", ORDERS_COLUMNS, rows)
 
 
 def _verdicts(judgement: Judgement) -> Iterator[Verdict]:

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import math
-import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from importlib import resources
-from numbers import Real
 from string import Formatter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from dem_bridge.observables.verdict import Verdict
+from dem_bridge.report.columns import Columns, table_cells
 from dem_bridge.report.study import FigureData, Map, Panel, Series, Study, Table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: factor from SI to the unit that the heading of a column names
-FACTORS = {"%": 100.0, "kHz": 1e-3, "ms": 1e3, "µs": 1e6}
+VERDICTS_COLUMNS = {
+    "scene": "scene", "quantity": "quantity", "compared": "compared", "difference": "difference",
+    "reference_uncertainty": "uncertainty", "tolerance": "tolerance", "outcome": "outcome",
+}  # fmt: skip
 
 
 class _PercentFormatter(Formatter):
@@ -76,18 +76,10 @@ class Texts:
             parts["notes"] = self.notes(**texts)
         return Study(id=self.name, title=self("title", **texts), **parts)
 
-    def table(self, id: str, rows: Iterable[Any], *, columns: Sequence[str] | None = None, **values: Any) -> Table:
-        """Return a table with a row for each item of ``rows``.
-
-        The file maps the heading of each column to an attribute of the items ("scene.name"); numbers are converted from
-        SI to the unit in the heading. Where it lists headings alone, or ``columns`` does, rows are tuples of cells.
-        """
-        entry = self._entry("tables", id, values)
-        headings = [fill(heading, **values) for heading in columns or entry["columns"]]
-        if columns is None and isinstance(entry["columns"], Mapping):
-            paths = list(zip(headings, entry["columns"].values(), strict=True))
-            rows = [[_cell(item, path, heading) for heading, path in paths] for item in rows]
-        return Table(id=id, **(entry | {"columns": tuple(headings), "rows": tuple(map(tuple, rows))}))
+    def table(self, id: str, columns: Columns, rows: Iterable[Any], **values: Any) -> Table:
+        """Return a table with a row for each item of ``rows``, whose numbers are in SI."""
+        headings, cells = table_cells(columns, rows)
+        return Table(id=id, **self._entry("tables", id, values), columns=headings, rows=cells)
 
     def panel(self, id: str, series: Iterable[Series] = (), map: Map | None = None, **values: Any) -> Panel:
         """Return a panel; values that are fields of a panel become these, the others fill its texts."""
@@ -123,14 +115,4 @@ def verdict_table(verdicts: Iterable[Verdict]) -> Table:
     for verdict in verdicts:
         compared = f"{verdict.backend} - {verdict.reference}" if verdict.reference else verdict.backend
         rows.append(vars(verdict) | {"quantity": verdict.quantity.replace("_", " "), "compared": compared})
-    return Texts("verdicts", __package__).table("verdicts", rows)
-
-
-def _cell(item: Any, path: str, heading: str) -> str | float:
-    """Return an attribute of an attribute ... as a text, or as a number in the unit of the heading (None: nan)."""
-    for name in path.split("."):
-        item = item.get(name) if isinstance(item, Mapping) else None if item is None else getattr(item, name)
-    if item is None:
-        return math.nan
-    unit = re.search(r"\((\S+?)( [^()]*)?\)$", heading)
-    return FACTORS.get(unit[1] if unit else "", 1.0) * float(item) if isinstance(item, Real) else str(item)
+    return Texts("verdicts", __package__).table("verdicts", VERDICTS_COLUMNS, rows)

@@ -21,6 +21,7 @@ from dem_bridge.observables.bands import Bands, measured_bands, unit_cell
 from dem_bridge.observables.differences import difference
 from dem_bridge.observables.verdict import Outcome, Verdict, judge
 from dem_bridge.physics.dispersion import Cell
+from dem_bridge.report.columns import KILOHERTZ, PERCENT, Column
 from dem_bridge.report.study import FigureData, Series, Study
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, run_cases
@@ -31,6 +32,15 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 
 TEXTS = Texts("bands", "dem_bridge.studies")
+EDGES_COLUMNS = {
+    "backend": "code", "edge": "edge", "theory": Column("infinite chain", KILOHERTZ),
+    "measured": Column("measured", KILOHERTZ), "off": Column("difference", PERCENT),
+    "bar": Column("resolution", PERCENT), "outcome": "outcome",
+}  # fmt: skip
+CODES_COLUMNS = {
+    "backend": "code", "other": "compared with", "isolated": "isolates", "apart": "difference",
+    "oscillation": Column("oscillation of an overlap", PERCENT),
+}  # fmt: skip
 #: relative, of an edge
 TOLERANCE = 0.01
 #: samples in a period of the highest edge; a third of it is the least that :func:`measured_bands` takes
@@ -123,7 +133,10 @@ def study_bands(
     return TEXTS.study(
         {"scene": scene.name},
         answer=(*_answer(scene, cell, matches, rows, tolerance), *_undecided(rows, excuses)),
-        tables=(TEXTS.table("edges", rows, tolerance=tolerance), TEXTS.table("codes", matches)),
+        tables=(
+            TEXTS.table("edges", EDGES_COLUMNS, rows, tolerance=tolerance),
+            TEXTS.table("codes", CODES_COLUMNS, matches),
+        ),
         figures=(_figure(cell, matches),) if matches else (),
         verdicts=(*_verdicts(scene, rows, tolerance), *broken),
     )

@@ -15,6 +15,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.observables.verdict import Verdict, judge
+from dem_bridge.report.columns import PERCENT, SECOND, Column
 from dem_bridge.report.study import FigureData, Series, Study, check_setting
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, map_in_threads
@@ -33,6 +34,11 @@ from dem_bridge.studies.energy_walk import (
 from dem_bridge.trajectory.trajectory import Floats
 
 TEXTS = Texts("energy", "dem_bridge.studies")
+WALKS_COLUMNS = (
+    "run", "scene", Column("step", SECOND), "force evaluations per contact", "contacts",
+    "change by a contact, predicted", "change by a contact, measured", Column("unexplained", PERCENT), "growth",
+    "expected error at the end", "error at the end", "sum of the predicted jumps",
+)  # fmt: skip
 #: s: some fifty steps in a contact; the method of order 4 evaluates six forces in its step, and gets the same number
 STEP = 1e-6
 #: s: time of a contact. The jumps neglect terms of relative size (step / contact time), because other contacts
@@ -147,7 +153,7 @@ def study_energy(*, contacts: int = 1_000_000, jobs: Jobs = None, progress: Prog
     return TEXTS.study(
         {"step": STEP, "contact": CONTACT, "allowed": ALLOWED},
         answer=tuple(_answer(runs, measured, predicted)),
-        tables=(TEXTS.table("walks", map(_row, runs)),),
+        tables=(TEXTS.table("walks", WALKS_COLUMNS, map(_row, runs)),),
         figures=(_figure(runs, times, measured, predicted),),
         verdicts=tuple(map(_verdict, (run for run in runs if run.code in METHODS))),
         provenance={"contacts": contacts, "scenes": {run.scene.name: run.scene.content_hash for run in runs}},
@@ -177,7 +183,7 @@ def _row(run: Run) -> tuple[str | float, ...]:
         float(run.count),
         run.of.jump,
         float(run.of.rms()[0]),
-        100.0 * run.of.unexplained if split else math.nan,
+        run.of.unexplained if split else math.nan,
         run.slope,
         run.expected,
         run.end,

@@ -21,6 +21,7 @@ from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.surrogate_radius import radius_after
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.errors import UnsupportedScene
+from dem_bridge.report.columns import METRE, SECOND, SPEED, Column
 from dem_bridge.report.study import FigureData, Series, Study
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, map_in_threads
@@ -30,6 +31,16 @@ from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Floats
 
 TEXTS = Texts("precision", "dem_bridge.studies")
+PRECISION_COLUMNS = {
+    "scene": "scene", "kind": "radius", "radius": Column("radius", METRE), "dt": Column("step", SECOND),
+    "length": Column("L", METRE), "overlap": Column("overlap", METRE), "error.double": "double",
+    "error.force": "force", "error.mixed": "mixed", "mixed": "mixed, predicted", "error.kokkos-mixed": "kokkos-mixed",
+    "error.single": "single", "single": "single, predicted", "standstill": Column("standstill", SPEED),
+}  # fmt: skip
+PRECISION_STEPS_COLUMNS = {
+    "kind": "radius", "dt": Column("step", SECOND), "total.double": "double", "total.force": "force",
+    "total.mixed": "mixed", "total.kokkos-mixed": "kokkos-mixed", "total.single": "single",
+}  # fmt: skip
 MAIN = "decelerating-40"
 SAMPLES = 300
 #: rounding of a number in single precision, relative
@@ -120,7 +131,10 @@ def study_precision(scene: Scene | None = None, *, jobs: Jobs = None, progress: 
     return TEXTS.study(
         {"count": len(scenes)},
         answer=tuple(_answer(rows, steps)),
-        tables=(TEXTS.table("precision", rows), TEXTS.table("precision-steps", steps, scene=main.name)),
+        tables=(
+            TEXTS.table("precision", PRECISION_COLUMNS, rows),
+            TEXTS.table("precision-steps", PRECISION_STEPS_COLUMNS, steps, scene=main.name),
+        ),
         figures=(_figure(rows, steps, main.name),),
         provenance={"scenes": {item.name: item.content_hash for item in scenes}},
     )

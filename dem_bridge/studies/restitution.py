@@ -18,6 +18,7 @@ from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Outcome, Verdict, judge_relative
 from dem_bridge.physics.impact import RestitutionLaw, restitution_obtained, restitution_to_write
+from dem_bridge.report.columns import METRE, PERCENT, SPEED, STIFFNESS, Column
 from dem_bridge.report.study import EFFECTS, FigureData, Series, Study, Table
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, Result, run_cases
@@ -42,6 +43,27 @@ from dem_bridge.studies.restitution_impacts import (
 from dem_bridge.verification.defects import named_failures
 
 TEXTS = Texts("restitution", "dem_bridge.studies")
+WRITE_COLUMNS = (
+    "wanted", "coeff_restitution, not clipped", "coeff_restitution, clipped", "tsuji, not clipped", "tsuji, clipped",
+)  # fmt: skip
+OBTAINED_COLUMNS = (
+    "written", "coeff_restitution, not clipped", "coeff_restitution, clipped", "tsuji, not clipped", "tsuji, clipped",
+)  # fmt: skip
+IMPACTS_COLUMNS = {
+    "impact.name": "law", "impact.coefficient": "coefficient", "impact.speed": Column("speed", SPEED),
+    "impact.ratio": "mass ratio", "impact.radius": Column("radius", METRE), "backend": "code", "theory": "closed form",
+    "value": "restitution", "difference": "difference", "uncertainty": "uncertainty", "outcome": "outcome",
+}  # fmt: skip
+STEPS_COLUMNS = {
+    "impact.name": "law", "backend": "code", "steps": "steps per contact time", "value": "restitution",
+    "difference": "error",
+}  # fmt: skip
+BOUNCES_COLUMNS = {
+    "backend": "code", "stiffness": Column("stiffness", STIFFNESS), "number": "bounce",
+    "hard": Column("hard sphere", METRE), "soft": Column("soft sphere", METRE),
+    "softness": Column("soft - hard", PERCENT), "height": Column("code", METRE), "error": Column("code - soft", METRE),
+    "uncertainty": Column("uncertainty", METRE), "outcome": "outcome",
+}  # fmt: skip
 BACKENDS_BY_DEFAULT = ("scipy", "verlet", "lammps-granular")
 #: codes with a fixed step, whose step is varied
 STEPPED = ("verlet", "lammps-granular")
@@ -157,7 +179,7 @@ def study_restitution(
     return TEXTS.study(
         {"contacts": CONTACTS, "steps": STEPS},
         answer=(*_answer(measured, laws, verdicts), *_bounce_answer(bounces)),
-        tables=(*_tables(measured), *([TEXTS.table("bounces", bounces)] if bounces else [])),
+        tables=(*_tables(measured), *([TEXTS.table("bounces", BOUNCES_COLUMNS, bounces)] if bounces else [])),
         figures=(_figure(measured, laws),),
         verdicts=verdicts,
         known_defects=known_defects,
@@ -298,13 +320,17 @@ def _tables(measured: Sequence[Measured]) -> Iterator[Table]:
     chosen: list[RestitutionLaw] = ["coeff_restitution", "tsuji"]
     kinds = [(law, clip) for law in chosen for clip in (False, True)]
     yield TEXTS.table(
-        "write", [(e, *(restitution_to_write(e, clip=clip, law=law) for law, clip in kinds)) for e in WANTED]
+        "write",
+        WRITE_COLUMNS,
+        [(e, *(restitution_to_write(e, clip=clip, law=law) for law, clip in kinds)) for e in WANTED],
     )
     yield TEXTS.table(
-        "obtained", [(e, *(restitution_obtained(e, clip=clip, law=law) for law, clip in kinds)) for e in WRITTEN]
+        "obtained",
+        OBTAINED_COLUMNS,
+        [(e, *(restitution_obtained(e, clip=clip, law=law) for law, clip in kinds)) for e in WRITTEN],
     )
-    yield TEXTS.table("impacts", [item for item in measured if item.varies != "step"])
-    yield TEXTS.table("steps", [item for item in measured if item.varies == "step"])
+    yield TEXTS.table("impacts", IMPACTS_COLUMNS, [item for item in measured if item.varies != "step"])
+    yield TEXTS.table("steps", STEPS_COLUMNS, [item for item in measured if item.varies == "step"])
 
 
 def _figure(measured: Sequence[Measured], laws: Sequence[str]) -> FigureData:

@@ -19,6 +19,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.conserved import energy_parts, energy_uncertainty
 from dem_bridge.observables.observable import LARGEST, Observable
 from dem_bridge.observables.registry import OBSERVABLES
+from dem_bridge.report.columns import MICROSECOND, PERCENT, Column
 from dem_bridge.report.study import FigureData, Series, Study, Table
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, Result, run_groups
@@ -33,6 +34,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TEXTS = Texts("rule-of-thumb", "dem_bridge.studies")
+RULE_OF_THUMB_COLUMNS = (
+    "scene", Column("T_R", MICROSECOND), Column("collision", MICROSECOND), Column("2/omega", MICROSECOND),
+    Column("velocity at 5 %", PERCENT), Column("velocity at 10 %", PERCENT), Column("velocity at 20 %", PERCENT),
+    Column("velocity at 40 %", PERCENT), "momentum at 20 %", "kinetic energy at 20 %",
+)  # fmt: skip
+RULE_OF_THUMB_LAMMPS_COLUMNS = (
+    "scene", Column("share of T_R", PERCENT), Column("velocity error", PERCENT), "largest difference from the twin",
+)  # fmt: skip
 #: of the Rayleigh time; each step is a whole number of the finer ones
 SHARES = (0.05, 0.10, 0.20, 0.40)
 #: shares at which LAMMPS itself is run, for one scene
@@ -184,27 +193,27 @@ def errors_of(scene: Scene, results: Sequence[Result]) -> SceneErrors:
 def table(errors: Sequence[SceneErrors]) -> Table:
     """List the errors, a row for each scene."""
     reasons = any(error.reason for error in errors)
-    columns = [*TEXTS.data["tables"]["rule-of-thumb"]["columns"], *(["missing because"] if reasons else [])]
+    columns = (*RULE_OF_THUMB_COLUMNS, *(["missing because"] if reasons else []))
     rows = [
         (
             error.scene.name,
-            *(1e6 * time for time in (error.rayleigh, error.contact, error.stable)),
-            *(100.0 * error.errors().get(share, math.nan) for share in SHARES),
+            *(error.rayleigh, error.contact, error.stable),
+            *(error.errors().get(share, math.nan) for share in SHARES),
             *(error.errors(log.name).get(SHOWN, math.nan) for log in (MOMENTUM, KINETIC_ENERGY)),
             *([error.reason] if reasons else []),
         )
         for error in errors
     ]
-    return TEXTS.table("rule-of-thumb", rows, columns=columns, shown=SHOWN)
+    return TEXTS.table("rule-of-thumb", columns, rows, shown=SHOWN)
 
 
 def _engine_table(errors: Sequence[SceneErrors]) -> Table:
     rows = [
-        (error.scene.name, 100.0 * share, 100.0 * error.errors(backend=ENGINE).get(share, math.nan), difference)
+        (error.scene.name, share, error.errors(backend=ENGINE).get(share, math.nan), difference)
         for error in errors
         for share, difference in error.engine.items()
     ]
-    return TEXTS.table("rule-of-thumb-lammps", rows)
+    return TEXTS.table("rule-of-thumb-lammps", RULE_OF_THUMB_LAMMPS_COLUMNS, rows)
 
 
 def _main(errors: Sequence[SceneErrors]) -> SceneErrors:

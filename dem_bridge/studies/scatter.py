@@ -23,6 +23,7 @@ from dem_bridge.ensembles.run import run_ensemble
 from dem_bridge.ensembles.solve import LANED, solve_chains
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.observables.fits import inner_bodies
+from dem_bridge.report.columns import DEGREE, PERCENT, Column
 from dem_bridge.report.study import FigureData, Map, Panel, Series, Study, Table, check_setting
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, Result, run_cases
@@ -37,6 +38,17 @@ from dem_bridge.trajectory.trajectory import Floats
 from dem_bridge.verification.reference import REFERENCE
 
 TEXTS = Texts("scatter", "dem_bridge.studies")
+SCATTER_COLUMNS = (
+    "chain", Column("angle", DEGREE), "chains", Column("arrival at the end: mean shift", PERCENT),
+    Column("its deviation", PERCENT), Column("residence time, median deviation along the chain", PERCENT),
+    Column("largest", PERCENT), Column("peak force, median deviation", PERCENT),
+)  # fmt: skip
+ALONG_THE_CHAIN_COLUMNS = (
+    "body, contact", Column("residence time of the body", PERCENT), Column("peak force of the contact", PERCENT),
+)  # fmt: skip
+TOLERANCES_COLUMNS = (
+    "measure", Column("within", PERCENT), Column("angle", DEGREE), Column("confirmed: within", PERCENT),
+)  # fmt: skip
 #: observables that are compared with those of the chain with the intended angles
 OBSERVABLES = ("arrival_at_end", "residence_time", "peak_force")
 #: names of the measures of a chain
@@ -314,8 +326,8 @@ def study_of(chains: ScatteredChains, tolerances: Sequence[Tolerance] = (), effe
         answer.append(TEXTS("paper", median=np.nanmedian(times), slower=slower, **arrival))
     tables = [table([chains]), _along(chains)]
     if tolerances:
-        rows = [(t.measure, 100.0 * t.effect, t.spread, 100.0 * t.confirmed) for t in tolerances]
-        tables.append(TEXTS.table("tolerances", rows))
+        rows = [(t.measure, t.effect, t.spread, t.confirmed) for t in tolerances]
+        tables.append(TEXTS.table("tolerances", TOLERANCES_COLUMNS, rows))
     figures = [figure(chains), distributions(chains)]
     if "velocity" in chains.values:
         figures.append(maps(chains))
@@ -396,13 +408,16 @@ def table(sets: Sequence[ScatteredChains]) -> Table:
     for chains in sets:
         times, force = chains.residence_spread, chains.force_spread
         spreads = (*chains.arrival_shift, np.nanmedian(times), np.nanmax(times), np.nanmedian(force))
-        shares = [100.0 * float(spread) for spread in spreads]
-        rows.append((chains.scene.name, chains.spread, float(chains.count), *shares))
-    return TEXTS.table("scatter", rows)
+        rows.append((chains.scene.name, chains.spread, float(chains.count), *map(float, spreads)))
+    return TEXTS.table("scatter", SCATTER_COLUMNS, rows)
 
 
 def _along(chains: ScatteredChains) -> Table:
     """Return the table of the spreads at bodies and contacts 0, 1, ...; body 0 has no residence time."""
     force = chains.force_spread[: chains.scene.n_body - 1].tolist()
     spreads = zip((math.nan, *chains.residence_spread.tolist()), force, strict=True)
-    return TEXTS.table("along-the-chain", [(float(k), 100.0 * time, 100.0 * f) for k, (time, f) in enumerate(spreads)])
+    return TEXTS.table(
+        "along-the-chain",
+        ALONG_THE_CHAIN_COLUMNS,
+        [(float(k), *spread) for k, spread in enumerate(spreads)],
+    )

@@ -14,6 +14,7 @@ from dem_bridge.ensembles.draw import VARIED, Variation
 from dem_bridge.ensembles.run import run_ensemble
 from dem_bridge.ensembles.sensitivity import Indices, sobol_indices
 from dem_bridge.errors import UsageError
+from dem_bridge.report.columns import RELATIVE, Column, Unit
 from dem_bridge.report.study import FigureData, Map, Series, Study, Table, check_setting
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Progress
@@ -21,6 +22,10 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 
 TEXTS = Texts("sensitivity", "dem_bridge.studies")
+INDICES_COLUMNS = (
+    "varied number", "arrival: first order", "lower end", "upper end", "arrival: total", "velocity: first order",
+    "its lower end", "its upper end", "velocity: total",
+)  # fmt: skip
 #: parts of the spread at which the deviation of the arrival is measured for the tolerance
 _PARTS = (0.25, 0.5, 1.0)
 #: chains for each of them
@@ -101,6 +106,10 @@ def study_sensitivity(
         confirmed = _deviation(replace(variation, vary={vary: allowed}, seed=seed + 1), executor)
     place = "body" if vary in ("mass", "velocity") else "contact"
     texts = {"scene": scene.name, "place": place, "vary": vary, "spread": size, "unit": unit, "chains": indices.chains}
+    columns = (
+        Column("standard deviation of each number", Unit(unit)),
+        Column("standard deviation of the arrival", RELATIVE),
+    )
     return TEXTS.study(
         {"scene": scene.name},
         answer=(
@@ -109,7 +118,7 @@ def study_sensitivity(
             *_interactions(MEASURES[0], indices, 0),
             TEXTS("tolerance", effect=effect, allowed=allowed, confirmed=confirmed, count=_CHAINS, **texts),
         ),
-        tables=(_table(indices), TEXTS.table("tolerance", tolerances, unit=unit)),
+        tables=(_table(indices), TEXTS.table("tolerance", columns, tolerances)),
         figures=(_figure(indices, links, texts),),
         provenance={"scene": scene.name, "scene_hash": scene.content_hash, "vary": {vary: size}, "seed": seed},
     )
@@ -183,7 +192,7 @@ def _table(indices: Indices) -> Table:
         for row in (0, 1):
             cells += [indices.first[row, column], *indices.first_interval[:, row, column], indices.total[row, column]]
         rows.append((_name(*which), *map(float, cells)))
-    return TEXTS.table("indices", rows)
+    return TEXTS.table("indices", INDICES_COLUMNS, rows)
 
 
 def _figure(indices: Indices, links: int, texts: dict[str, Any]) -> FigureData:

@@ -38,6 +38,7 @@ from dem_bridge.lmp.variants import (
 )
 from dem_bridge.observables.differences import Difference, difference
 from dem_bridge.observables.verdict import Outcome, Verdict, judge_relative
+from dem_bridge.report.columns import SECOND, Column
 from dem_bridge.report.study import FigureData, Series, Study
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Progress
@@ -47,6 +48,16 @@ from dem_bridge.trajectory.relative import SMALLEST_SCALE, relative_size
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 
 TEXTS = Texts("styles", "dem_bridge.studies")
+STYLES_COLUMNS = {
+    "way": "variant", "differences.velocity.value": "velocity", "differences.displacement.value": "displacement",
+    "differences.peak_force.value": "peak force", "differences.crossing_time.value": "crossing time",
+    "largest_share": "largest / tolerance", "same_bits": "same bits", "wall": Column("wall", SECOND),
+    "outcome": "outcome",
+}  # fmt: skip
+TOLERANCES_COLUMNS = {
+    "way": "variant", "tolerances.velocity": "velocity", "tolerances.displacement": "displacement",
+    "tolerances.peak_force": "peak force", "tolerances.crossing_time": "crossing time",
+}  # fmt: skip
 #: columns of the matrix
 COLUMNS = QUANTITIES
 #: of the deck's radii, for realisations of round-off: other last digits, and hardly other sizes
@@ -315,7 +326,7 @@ def study_of(base: Base, rows: Sequence[Row]) -> Study:
     return TEXTS.study(
         {"scene": scene},
         answer=tuple(answer),
-        tables=(TEXTS.table("styles", rows), TEXTS.table("tolerances", ran)),
+        tables=(TEXTS.table("styles", STYLES_COLUMNS, rows), TEXTS.table("tolerances", TOLERANCES_COLUMNS, ran)),
         figures=(_figure(scene, ran),) if ran else (),
         verdicts=tuple(row.verdict(scene) for row in rows),
         notes=(*TEXTS.notes(), *(f"{row.way}: {row.reason}." for row in ran if row.reason)),

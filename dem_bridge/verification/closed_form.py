@@ -24,6 +24,9 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.reference import REFERENCE
 
 TEXTS = Texts("closed-form", "dem_bridge.verification")
+CLOSED_FORM_COLUMNS = (
+    "scene", "quantity", "closed form", "reference", "reference - closed form", "LAMMPS", "LAMMPS - closed form",
+)  # fmt: skip
 #: features of a scene that a closed form allows for, beside damping
 _ALLOWED = {WALLS, GAPS, OTHER_EXPONENTS, SEVERAL_MOVING, NOT_CLIPPED, DMT}
 
@@ -119,7 +122,7 @@ def closed_restitution(scene: Scene, speed: float) -> float | None:
 def closed_form_table(studies: Sequence[SceneStudy]) -> Table | None:
     """Return the values of each collision by closed form, LAMMPS and reference; None without a collision."""
     rows = [row for study in studies for row in _rows(study)]
-    return TEXTS.table("closed-form", rows) if rows else None
+    return TEXTS.table("closed-form", CLOSED_FORM_COLUMNS, rows) if rows else None
 
 
 def _rows(study: SceneStudy) -> Iterator[tuple[str | float, ...]]:

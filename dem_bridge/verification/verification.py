@@ -27,6 +27,11 @@ from dem_bridge.version import __version__
 
 SCHEMA = "dem-bridge/verdicts/1"
 TEXTS = Texts("verify", "dem_bridge.verification")
+OBSERVABLES_COLUMNS = (
+    "scene", "observable", "reference", "unit", "uncertainty of reference", "LAMMPS - reference",
+    "uncertainty of LAMMPS", "twin - reference", "uncertainty of twin", "second reference - reference",
+    "uncertainty of second reference",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -109,7 +114,7 @@ def observable_table(studies: Sequence[SceneStudy]) -> Table:
 
     Scenes without a reference, and those of the paper that are run without refinement levels, have no rows.
     """
-    return TEXTS.table("observables", [row for study in studies for row in study.observables])
+    return TEXTS.table("observables", OBSERVABLES_COLUMNS, [row for study in studies for row in study.observables])
 
 
 def _provenance(studies: Sequence[SceneStudy], accuracy: float, wall: float) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from dem_bridge.backends.base import versions_of
 from dem_bridge.judging.check.answer import Check, Pictures
 from dem_bridge.judging.check.words import release
 from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.columns import SECOND, Column
 from dem_bridge.report.study import FigureData, Map, Series, Study, Table
 from dem_bridge.report.texts import Texts
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from dem_bridge.runs.store import Store
 
 TEXTS = Texts("check", "dem_bridge.judging")
+PLAUSIBILITY_COLUMNS = ("property", "value", "usual", "outcome", "sentence")
+STEPS_COLUMNS = ("accuracy", Column("largest step", SECOND))
 #: most rows of the map of errors, so that the page stays small
 _MAP_ROWS = 200
 
@@ -106,12 +109,14 @@ def _tables(check: Check) -> Iterator[Table]:
     """Yield the tables of the folded part."""
     rows = [(accuracy, dt) for accuracy, dt in check.step_answer.largest.items()]
     if rows:
-        yield TEXTS.table("steps", rows)
+        yield TEXTS.table("steps", STEPS_COLUMNS, rows)
     if check.plausible:
         fields = ("name", "value", "usual", "outcome", "sentence")
         entries = [entry.as_json() for entry in check.plausible]
         yield TEXTS.table(
-            "plausibility", [tuple(np.nan if entry[key] is None else entry[key] for key in fields) for entry in entries]
+            "plausibility",
+            PLAUSIBILITY_COLUMNS,
+            [tuple(np.nan if entry[key] is None else entry[key] for key in fields) for entry in entries],
         )
 
 

@@ -21,6 +21,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.process import require
 from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.columns import METRE, Column
 from dem_bridge.report.study import EFFECTS, FigureData, Series, Study
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress
@@ -39,6 +40,17 @@ from dem_bridge.studies.engine.motion import (
 from dem_bridge.studies.engine.runs import EngineRun, run_impacts
 
 TEXTS = Texts("engine", "dem_bridge.studies")
+WRONG_COLUMNS = (
+    "cause", "known defect", "law or damping", "styles", "impacts", "largest error of e", "example", "write instead",
+)  # fmt: skip
+WRITTEN_COLUMNS = ("written e", "tsuji", "tsuji, right", "coeff_restitution", "coeff_restitution, right")
+IMPACTS_COLUMNS = {
+    "impact.style": "style", "impact.partner": "partner", "impact.words": "law and damping", "state": "state",
+    "restitution": "restitution", "exact.restitution": "exact", "closed_form": "closed form",
+    "difference": "difference from the twin", "step_error": "time step",
+    "exact.peak_overlap": Column("peak overlap", METRE), "cause": "cause", "names": "known defect",
+    "run.message": "the engine's words", "instead": "write instead",
+}  # fmt: skip
 #: steps of a contact, steps of a run and steps between two samples
 CONTACT_STEPS, STEPS, EVERY = 16_000, 17_600, 400
 RIGHT, WRONG, ABSENT, UNDEFINED = "RIGHT", "WRONG", "NOT THERE", "NO THEORY"
@@ -246,10 +258,10 @@ def study_of(rows: Sequence[Row], version: int, *, known_defects: str = "fail") 
         {"lammps": version},
         answer=tuple(answer),
         tables=(
-            TEXTS.table("wrong", [tuple(group.values()) for group in groups]),
-            TEXTS.table("written", _written(rows)),
-            TEXTS.table("impacts", rows),
-            TEXTS.table("matrix", _matrix(rows), columns=("style", "law", "limit_damping", *DAMPINGS)),
+            TEXTS.table("wrong", WRONG_COLUMNS, [tuple(group.values()) for group in groups]),
+            TEXTS.table("written", WRITTEN_COLUMNS, _written(rows)),
+            TEXTS.table("impacts", IMPACTS_COLUMNS, rows),
+            TEXTS.table("matrix", ("style", "law", "limit_damping", *DAMPINGS), _matrix(rows)),
         ),
         figures=(_figure(rows),),
         verdicts=tuple(_verdicts(rows, groups)),

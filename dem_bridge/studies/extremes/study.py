@@ -26,6 +26,14 @@ from dem_bridge.studies.extremes.judge import Expected, Finding, Standard, Word,
 from dem_bridge.studies.extremes.truths import Truth, witness
 
 TEXTS = Texts("extremes", "dem_bridge.studies")
+FINDINGS_COLUMNS = {
+    "entry.name": "extreme", "backend": "backend", "outcome": "outcome", "finding.word": "found",
+    "expected": "expected", "finding.quantity": "quantity", "finding.error": "error", "finding.bar": "uncertainty",
+    "finding.standard_bar": "uncertainty of the truth", "finding.ratio": "error / uncertainties",
+    "finding.velocity_bar": "uncertainty of velocity", "finding.unsaid": "without uncertainty",
+    "finding.standard": "compared with", "finding.reason": "reason",
+}  # fmt: skip
+ENTRIES_COLUMNS = {"name": "extreme", "asks": "question", "scene.n_body": "bodies", "sources": "truths"}
 #: errors that are less, or more, than this part of both bars are drawn here
 LEAST, MOST = 1e-3, 1e3
 #: names beside one pair of axes
@@ -247,17 +255,17 @@ def tables(rows: Sequence[Row]) -> tuple[Table, ...]:
     return (
         TEXTS.table(
             "counts",
+            ("backend", "as expected", *words, "largest error / uncertainties where right"),
             [(name, *_counts(some, words)) for name, some in backends.items()],
-            columns=("backend", "as expected", *words, "largest error / uncertainties where right"),
             count=len(entries),
         ),
         TEXTS.table(
             "outcomes",
+            ("extreme", *backends),
             [(name, *(line[backend] for backend in backends)) for name, line in cells.items()],
-            columns=("extreme", *backends),
         ),
-        TEXTS.table("findings", rows),
-        TEXTS.table("entries", entries.values()),
+        TEXTS.table("findings", FINDINGS_COLUMNS, rows),
+        TEXTS.table("entries", ENTRIES_COLUMNS, entries.values()),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
 from dem_bridge.observables.drift import BLOCKS
 from dem_bridge.observables.verdict import Outcome, Verdict, judge, judge_relative
+from dem_bridge.report.columns import SECOND, Column
 from dem_bridge.report.study import FigureData, Series, Table
 from dem_bridge.report.texts import Texts, verdict_table
 from dem_bridge.scene.scene import Scene
@@ -23,6 +24,18 @@ from dem_bridge.verification.reference import REFERENCE
 from dem_bridge.verification.roles import TWIN
 
 TEXTS = Texts("horizon", "dem_bridge.studies")
+HORIZONS_COLUMNS = (
+    "backend", Column("horizon", SECOND), "in contact times", "contacts closed until then", "uncertainty at the end",
+    "largest difference to the reference", Column("difference above 1 % from", SECOND),
+)  # fmt: skip
+GROWTH_COLUMNS = (
+    "fits", "rate (1/s) or power", "uncertainty", "e-folding time in contact times", Column("fitted from", SECOND),
+    Column("to", SECOND), "misfit, exponential", "misfit, power", "largest distance / perturbation",
+)  # fmt: skip
+LONG_COLUMNS = (
+    Column("dt", SECOND), "steps", Column("duration", SECOND), "drift", "uncertainty", "drift significant",
+    "oscillation, measured", "oscillation, predicted", "mean kinetic / stored energy",
+)  # fmt: skip
 #: perturbed runs are independent from when the nearest two are this far apart, of the largest speed
 INDEPENDENT = 0.1
 #: of the duration that must be left then for statistics over time
@@ -211,9 +224,11 @@ def tables(result: Found, judged: Sequence[Verdict]) -> tuple[Table, ...]:
     folding = 1.0 / (g.rate * result.contact_time) if g.exponential else math.nan
     growth = [(g.kind, g.rate, g.bar, folding, *g.window, *g.misfit, g.factor)]
     return (
-        TEXTS.table("horizons", horizons),
-        TEXTS.table("growth", growth, count=len(result.distance), perturbation=result.perturbation),
-        TEXTS.table("long", [_long_row(item) for item in (result.long, result.halved) if item is not None]),
+        TEXTS.table("horizons", HORIZONS_COLUMNS, horizons),
+        TEXTS.table("growth", GROWTH_COLUMNS, growth, count=len(result.distance), perturbation=result.perturbation),
+        TEXTS.table(
+            "long", LONG_COLUMNS, [_long_row(item) for item in (result.long, result.halved) if item is not None]
+        ),
         verdict_table(judged),
     )
 

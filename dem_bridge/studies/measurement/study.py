@@ -19,6 +19,7 @@ from dem_bridge.backends.base import backend as backend_named
 from dem_bridge.backends.base import unsupported_reason
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.columns import PERCENT, Column
 from dem_bridge.report.study import FigureData, Panel, Series, Study, check_setting
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Progress
@@ -33,6 +34,12 @@ from dem_bridge.studies.measurement.scalars import Scalar, joint_of, scalars_of
 from dem_bridge.trajectory.trajectory import Floats
 
 TEXTS = Texts("measurement", "dem_bridge.studies")
+JOINT_COLUMNS = ("values together", "number", "statistic", "p")
+FIT_COLUMNS = ("parameter", "unit", "change", "standard uncertainty", "low", "high", "declared uncertainty")
+SCALARS_COLUMNS = ("scalar", "place", "unit", "S", "D", "E", "u_num", "u_input", "u_D", "u_val", "outcome")
+SERIES_COLUMNS = (
+    "series", "unit", "values", "E", "u_num", "u_input", "u_D", "largest |E| / u_val", Column("within", PERCENT),
+)  # fmt: skip
 #: sentences of an outcome, on the values and on the fitted parameters
 _SENTENCES = {
     Outcome.PASS: ("agrees", "parameters-agree"),
@@ -128,10 +135,14 @@ def study_measurement(
         {**what, "source": measurement.source or "not stated", "samples": samples},
         answer=tuple(_answer(compared, fitted, verdicts, what, coverage)),
         tables=(
-            TEXTS.table("joint", _joint_rows(compared, scalars, fitted)),
-            *([TEXTS.table("fit", map(_fit_row, fitted.fitted))] if fitted and fitted.fitted else []),
-            *([TEXTS.table("scalars", [_scalar_row(item, coverage) for item in scalars])] if scalars else []),
-            TEXTS.table("series", [_series_row(compared, item, coverage) for item in readings]),
+            TEXTS.table("joint", JOINT_COLUMNS, _joint_rows(compared, scalars, fitted)),
+            *([TEXTS.table("fit", FIT_COLUMNS, map(_fit_row, fitted.fitted))] if fitted and fitted.fitted else []),
+            *(
+                [TEXTS.table("scalars", SCALARS_COLUMNS, [_scalar_row(item, coverage) for item in scalars])]
+                if scalars
+                else []
+            ),
+            TEXTS.table("series", SERIES_COLUMNS, [_series_row(compared, item, coverage) for item in readings]),
         ),
         figures=tuple(_figures(compared, fitted, measurement.name, coverage)),
         verdicts=tuple(verdicts),
@@ -331,7 +342,7 @@ def _series_row(compared: Comparison, reading: Reading, coverage: float) -> tupl
     parts = (compared.error, compared.numerical, compared.input, compared.data)
     rms = [float(np.sqrt(np.mean(part[rows] ** 2))) for part in parts]
     worst = float(np.max(np.abs(compared.error[rows]) / compared.validation[rows]))
-    share = 100.0 * compared.share_within(coverage, rows)
+    share = compared.share_within(coverage, rows)
     unit = QUANTITIES[reading.quantity].unit
     return (reading.label, unit, float(len(reading.value)), *rms, worst, share)
 

@@ -19,6 +19,7 @@ from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.columns import PERCENT, Column
 from dem_bridge.report.study import Panel, Series, Study, Table, check_setting
 from dem_bridge.runs.campaign import Jobs, Progress, Result
 from dem_bridge.runs.store import Store
@@ -229,8 +230,8 @@ def study_model_hierarchy(
     )
 
 
-def _columns(names: Sequence[str]) -> list[str]:
-    return [f"{OBSERVABLES[name].words} (%)" for name in names]
+def _columns(names: Sequence[str]) -> list[Column]:
+    return [Column(OBSERVABLES[name].words, PERCENT) for name in names]
 
 
 def _table(hierarchy: ModelHierarchy, id: str, items: Sequence[Tried]) -> Table:
@@ -240,11 +241,11 @@ def _table(hierarchy: ModelHierarchy, id: str, items: Sequence[Tried]) -> Table:
         if not effects:
             return ("",) * (len(names) + 1)
         bar = max((effect.uncertainty for effect in effects.values() if effect.exists), default=math.nan)
-        return (*(100.0 * effects[name].value for name in names), 100.0 * bar)
+        return (*(effects[name].value for name in names), bar)
 
     rows = [(item.what, *cells(item.effects), TEXTS.data["may"][item.outcome]) for item in items]
-    last = ("largest uncertainty (%)", f"within {100.0 * hierarchy.accuracy:g} %?")
-    return TEXTS.table(id, rows, columns=("what", *_columns(names), *last), draws=DRAWS)
+    last = (Column("largest uncertainty", PERCENT), f"within {100.0 * hierarchy.accuracy:g} %?")
+    return TEXTS.table(id, ("what", *_columns(names), *last), rows, draws=DRAWS)
 
 
 def _start_table(alone: Sequence[LeftOut]) -> Iterator[Table]:
@@ -252,8 +253,8 @@ def _start_table(alone: Sequence[LeftOut]) -> Iterator[Table]:
     items = [item for item in alone if item.start]
     if items:
         names = tuple(items[0].start)
-        rows = [(item.what, *(100.0 * item.start[name].value for name in names)) for item in items]
-        yield TEXTS.table("start", rows, columns=("what", *_columns(names)), first=FIRST)
+        rows = [(item.what, *(item.start[name].value for name in names)) for item in items]
+        yield TEXTS.table("start", ("what", *_columns(names)), rows, first=FIRST)
 
 
 def question_table(requested: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]], accuracy: float) -> Table:
@@ -263,14 +264,14 @@ def question_table(requested: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]]
         (
             item.term.what,
             hierarchy.scene.name,
-            *(100.0 * item.effects[name].value for name in names),
+            *(item.effects[name].value for name in names),
             TEXTS.data["may"][item.outcome],
         )
         for hierarchy, alone in requested
         for item in alone
     ]
     columns = ("left out", "chain", *_columns(names), "may be left out?")
-    return TEXTS.table("left-out", rows, columns=columns, accuracy=accuracy, first=FIRST)
+    return TEXTS.table("left-out", columns, rows, accuracy=accuracy, first=FIRST)
 
 
 def _panel(title: str, hierarchy: ModelHierarchy, items: Sequence[Tried]) -> Panel:

@@ -29,6 +29,20 @@ from dem_bridge.studies.order.touch import TEXTS, ChainErrors, PairErrors
 from dem_bridge.trajectory.trajectory import Floats
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))
+ORDERS_COLUMNS = (
+    "case", "exponent n", "predicted order", "measured order", "C, predicted", "C, measured", "order of the rest",
+)  # fmt: skip
+CHAIN_ORDERS_COLUMNS = (
+    "run", "openings and closings", "order", "smallest over half", "largest over half", "steps fitted",
+    "largest error", "smallest error",
+)  # fmt: skip
+TOLERANCES_COLUMNS = ("integrator", "tolerance", "velocity error", "force evaluations")
+CONDITIONING_COLUMNS = {
+    "observable": "observable", "parameter": "parameter", "exact": "exact", "measured": "by differences",
+    "difference": "largest deviation", "uncertainty": "uncertainty of the differences",
+}  # fmt: skip
+
+
 #: absolute over relative tolerance of ode45, m and m/s
 ATOL_PER_RTOL = 1e-3
 
@@ -190,10 +204,14 @@ def study_order(
         {"scene": scene.name, "bar": bar, **limits},
         answer=tuple(answer),
         tables=(
-            TEXTS.table("orders", map(_pair_row, pairs.values())),
-            TEXTS.table("chain-orders", map(_chain_row, chains), **limits),
-            TEXTS.table("conditioning", numbers),
-            TEXTS.table("tolerances", ((TEXTS(row.name), row.tolerance, row.error, row.evaluations) for row in rows)),
+            TEXTS.table("orders", ORDERS_COLUMNS, map(_pair_row, pairs.values())),
+            TEXTS.table("chain-orders", CHAIN_ORDERS_COLUMNS, map(_chain_row, chains), **limits),
+            TEXTS.table("conditioning", CONDITIONING_COLUMNS, numbers),
+            TEXTS.table(
+                "tolerances",
+                TOLERANCES_COLUMNS,
+                ((TEXTS(row.name), row.tolerance, row.error, row.evaluations) for row in rows),
+            ),
         ),
         figures=(_touch_figure(pairs, laws), _chain_figure(scene, chains), _tolerance_figure(scene, rows)),
         verdicts=verdicts,

@@ -19,6 +19,7 @@ from dem_bridge.backends.bca import BinaryCollisions
 from dem_bridge.observables.observable import Reader
 from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
 from dem_bridge.physics.statics import static_overlap
+from dem_bridge.report.columns import PERCENT, Column
 from dem_bridge.report.study import Table
 from dem_bridge.scene.file.physical import rounded
 from dem_bridge.scene.scene import Damping, Scene
@@ -168,9 +169,9 @@ def budget_table(effects: list[Effect]) -> Table:
     """Return the table of all terms of both chains, the largest first."""
     return PAPER.table(
         "budget",
+        ("term", "kind", "chain", *(Column(name, PERCENT) for name in OBSERVABLES)),
         [
-            (item.what, item.kind, item.scene, *(100.0 * item.changes[name] for name in OBSERVABLES))
+            (item.what, item.kind, item.scene, *(item.changes[name] for name in OBSERVABLES))
             for item in sorted(effects, key=lambda e: -np.nan_to_num(e.largest))
         ],
-        columns=("term", "kind", "chain", *(f"{name} (%)" for name in OBSERVABLES)),
     )

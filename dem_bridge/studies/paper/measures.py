@@ -35,12 +35,29 @@ from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.observables.spectrum import Spectrum, cascade, frequency_spectrum, wavenumber_spectrum
 from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.columns import GRAM_SPEED, MILLIJOULE, PERCENT, Column
 from dem_bridge.report.study import ClaimValue, Table
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper import PAPER
 from dem_bridge.studies.paper.effects import OBSERVABLES, Effect
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
+
+SPLIT_COLUMNS = (
+    "chain", "quantity", Column("BCA - ode45", PERCENT), Column("of it the theory's", PERCENT),
+    Column("of it ode45's own", PERCENT),
+)  # fmt: skip
+PULSES_COLUMNS = (
+    "scene", "width (bodies) at 0.25", "width (bodies) at 0.9", Column("kinetic energy", MILLIJOULE, at="at 0.25"),
+    Column("kinetic energy", MILLIJOULE, at="at 0.9"), "energy share at 0.9", "momentum share at 0.9",
+    Column("momentum running back at 0.9", GRAM_SPEED), "further fronts", "V_out/V_in",
+)  # fmt: skip
+FITS_COLUMNS = (
+    "scene", "b1 ((m/s)^n)", "b2 ((m/s)^n)", Column("rms", PERCENT), "force exponent", "least exponent",
+    "largest exponent", "frequency ratio", "least frequency ratio", "largest frequency ratio", "wavenumber ratio",
+    "least wavenumber ratio", "largest wavenumber ratio",
+)  # fmt: skip
+
 
 #: theories, whose numbers have no uncertainty
 THEORIES = ("bca", "adiabatic")
@@ -200,12 +217,16 @@ def theories_table(runs: Runs, scenes: Iterable[str]) -> Table:
             numbers: list[float] = []
             for what in PROFILES:
                 values = deviation(what, scene, run, truth)
-                values = 100.0 * values[np.isfinite(values)]
+                values = values[np.isfinite(values)]
                 values = values if values.size else np.array([np.nan])
                 numbers += [float(np.median(values)), float(values[np.argmax(np.abs(values))])]
             rows.append((name, label, *numbers))
-    columns = ("scene", "by", *(f"{item}, {which} (%)" for item in PROFILES for which in ("median", "worst")))
-    return PAPER.table("theories", rows, columns=columns, first=FIRST, last=LAST)
+    columns = (
+        "scene",
+        "by",
+        *(Column(f"{item}, {which}", PERCENT) for item in PROFILES for which in ("median", "worst")),
+    )
+    return PAPER.table("theories", columns, rows, first=FIRST, last=LAST)
 
 
 def split_table(effects: Iterable[Effect]) -> Table:
@@ -213,12 +234,12 @@ def split_table(effects: Iterable[Effect]) -> Table:
     known_values = {(effect.scene, effect.id): effect.changes for effect in effects}
     scenes = [scene for scene, id in known_values if id == "bca" and (scene, "ode45") in known_values]
     rows = [
-        (scene, name, 100.0 * (theory[name] - code[name]), 100.0 * theory[name], -100.0 * code[name])
+        (scene, name, theory[name] - code[name], theory[name], -code[name])
         for scene in scenes
         for theory, code in [(known_values[scene, "bca"], known_values[scene, "ode45"])]
         for name in OBSERVABLES
     ]
-    return PAPER.table("split", rows)
+    return PAPER.table("split", SPLIT_COLUMNS, rows)
 
 
 #: places in the chain at which a pulse is measured: where it is formed, and before the end
@@ -229,12 +250,12 @@ Numbers = tuple[float, ...]
 
 def pulses_table(runs: Runs, names: Iterable[str]) -> Table:
     """Return width, energy and momentum of the leading pulse of each scene, and later pulses, by the reference."""
-    return PAPER.table("pulses", _rows(runs, names, _pulse), early=EARLY, late=LATE)
+    return PAPER.table("pulses", PULSES_COLUMNS, _rows(runs, names, _pulse), early=EARLY, late=LATE)
 
 
 def fits_table(runs: Runs, names: Iterable[str]) -> Table:
     """Return power laws of speed and force and the cascades of spectra, with their errors, by the reference."""
-    return PAPER.table("fits", _rows(runs, names, _fits))
+    return PAPER.table("fits", FITS_COLUMNS, _rows(runs, names, _fits))
 
 
 def _rows(
@@ -265,10 +286,10 @@ def _pulse(scene: Scene, run: Trajectory) -> Numbers:
         front = front_window(scene, run)
         return (
             *(float(width.width[k]) for k in (early, late)),
-            *(1e3 * float(front.kinetic[k]) for k in (early, late)),
+            *(float(front.kinetic[k]) for k in (early, late)),
             float(pulse.energy_share[late]),
             float(pulse.momentum_share[late]),
-            1e3 * float(behind.backward_momentum[late]),
+            float(behind.backward_momentum[late]),
         )
 
     return (
@@ -281,7 +302,7 @@ def _pulse(scene: Scene, run: Trajectory) -> Numbers:
 def _fits(scene: Scene, run: Trajectory) -> Numbers:
     def speed() -> Numbers:
         fit = speed_power_law(scene, run)
-        return (fit.b1, fit.b2, 100.0 * fit.residual)
+        return (fit.b1, fit.b2, fit.residual)
 
     def force() -> Numbers:
         fit = force_exponent(scene, run)

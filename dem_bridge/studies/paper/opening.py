@@ -25,6 +25,7 @@ from dem_bridge.studies.paper.summary import counted, failures
 from dem_bridge.verification.assess import SceneStudy
 
 TEXTS = Texts("overview", "dem_bridge.studies")
+WRONG_COLUMNS = ("no.", "about", "found (criterion)", "kind")
 #: outcomes of comparisons that can pass or fail
 _JUDGED = (Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED, Outcome.BROKEN)
 #: share of the largest part of an error from which on it is called the cause
@@ -190,7 +191,7 @@ def wrong_table(claims: Sequence[Claim]) -> Table:
         if claim.outcome is Outcome.MODEL_DIFFERENCE:
             about = claim.id.replace("-", " ")
             rows.append((numbers[claim.id], about, claim.short, TEXTS.data["wrong"][claim.kind]))
-    return TEXTS.table("wrong", rows)
+    return TEXTS.table("wrong", WRONG_COLUMNS, rows)
 
 
 __all__ = ["abstract", "headlines", "wrong_table"]

@@ -63,6 +63,8 @@ from dem_bridge.verification.reference import REFERENCE, SCIPY
 from dem_bridge.verification.verification import Verification, verification_of
 from dem_bridge.verification.verify import DEFAULT_ACCURACY, ScenePlan, check_jobs, plan_scene
 
+CLAIMS_COLUMNS = ("claim", "where", "outcome", "kind", "finding", "margin", "another outcome by")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
@@ -243,7 +245,7 @@ def claims_table(claims: Sequence[Claim]) -> Table:
         margin = claim.margin or Margin(sentence="")
         row = (claim.id, claim.where, claim.outcome.value, claim.kind, claim.sentence, margin.sentence, margin.changes)
         rows.append(row)
-    return PAPER.table("claims", rows)
+    return PAPER.table("claims", CLAIMS_COLUMNS, rows)
 
 
 def _left_out(hierarchy: ModelHierarchy, results: Sequence[Result]) -> tuple[LeftOut, ...]:
@@ -283,9 +285,7 @@ def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_A
             fits = run is not None and truth is not None
             row.append(difference("velocity", run, truth).value if fits else "")  # type: ignore[arg-type]
         rows.append((name, *row))
-    return PAPER.table(
-        "coverage", rows, columns=("scene", *others), main=accuracy, others=max(accuracy, OTHER_ACCURACY)
-    )
+    return PAPER.table("coverage", ("scene", *others), rows, main=accuracy, others=max(accuracy, OTHER_ACCURACY))
 
 
 def _figures(runs: Runs, scattered: Sequence[ScatteredChains]) -> Iterator[FigureData]:

@@ -20,6 +20,7 @@ from dem_bridge.physics.validity import (
     quasi_static,
     weightless,
 )
+from dem_bridge.report.columns import DEGREE, GIGAPASCAL, HERTZ_STIFFNESS, MILLIMETRE, NEWTON, PERCENT, Column
 from dem_bridge.report.study import Table
 from dem_bridge.scene.geometry import Geometry
 from dem_bridge.scene.scene import Scene
@@ -28,7 +29,15 @@ from dem_bridge.studies.paper import PAPER
 from dem_bridge.studies.paper.runs import Runs
 from dem_bridge.trajectory.trajectory import Trajectory
 
-COLUMNS = tuple(PAPER.data["tables"]["contacts"]["columns"])
+CONTACTS_COLUMNS = (
+    "contact", Column("angle", DEGREE), Column("stiffness by eq. 3.1", HERTZ_STIFFNESS),
+    Column("exact", HERTZ_STIFFNESS), Column("too stiff by", PERCENT), Column("peak force", NEWTON),
+    Column("semi-major axis", MILLIMETRE), "over half-height", Column("peak pressure", GIGAPASCAL),
+    "over compressive strength", "edge tension over tensile strength", "contact time over sound's",
+    "static over peak force",
+)  # fmt: skip
+
+
 #: columns that are judged, in the order of :attr:`ContactValidity.judged`, with the assumption they stand for
 JUDGED = {
     "over half-height": "the ellipse ends on the body",
@@ -92,10 +101,10 @@ class ContactValidity:
 
     @property
     def row(self) -> tuple[float, ...]:
-        """Return the numbers of :data:`COLUMNS`."""
+        """Return the numbers of :data:`CONTACTS_COLUMNS`, in SI."""
         on_body, crushing, cracking, statics, weighing = (item.ratio for item in self.judged)
-        first = (float(self.contact), self.angle, self.by_paper, self.exact, 100.0 * self.too_stiff, self.force)
-        sizes = (1e3 * self.semi_major, on_body, 1e-9 * self.pressure)
+        first = (float(self.contact), self.angle, self.by_paper, self.exact, self.too_stiff, self.force)
+        sizes = (self.semi_major, on_body, self.pressure)
         return (*first, *sizes, crushing, cracking, statics, weighing)
 
 
@@ -162,7 +171,7 @@ def contacts_table(runs: Runs, name: str) -> Table | None:
     """Return the table of every contact of one chain; None where it has no geometry or no run."""
     for scene, contacts in contacts_of(runs, [name]):
         rows = [contact.row for contact in contacts]
-        return replace(PAPER.table("contacts", rows, chain=scene.name), id=f"contacts-{scene.name}")
+        return replace(PAPER.table("contacts", CONTACTS_COLUMNS, rows, chain=scene.name), id=f"contacts-{scene.name}")
     return None
 
 
@@ -175,7 +184,8 @@ def scenes_table(runs: Runs, names: Iterable[str]) -> Table:
             judged = [contact.judged[place] for contact in contacts]
             worst = (min if name == LEAST else max)(item.ratio for item in judged)
             row += [worst, f"{sum(not item.holds for item in judged)} of {len(contacts)}"]
-        rows.append((*row, max(100.0 * contact.too_stiff for contact in contacts)))
-    columns = [f"{name}, {'least' if name == LEAST else 'largest'}" for name in JUDGED]
-    columns = ["scene", *(text for name in columns for text in (name, "fails in")), "eq. 3.1 too stiff by, largest (%)"]
-    return PAPER.table("validity", rows, columns=columns, assumptions="; ".join(JUDGED.values()))
+        rows.append((*row, max(contact.too_stiff for contact in contacts)))
+    names = [f"{name}, {'least' if name == LEAST else 'largest'}" for name in JUDGED]
+    pairs = (text for name in names for text in (name, "fails in"))
+    columns = ("scene", *pairs, Column("eq. 3.1 too stiff by, largest", PERCENT))
+    return PAPER.table("validity", columns, rows, assumptions="; ".join(JUDGED.values()))

@@ -16,6 +16,7 @@ import numpy as np
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.columns import PERCENT, SECOND, Column
 from dem_bridge.report.study import FigureData, Map, Series, Study, Table, check_setting
 from dem_bridge.runs.campaign import Progress
 from dem_bridge.scene.file import load_scene
@@ -38,6 +39,28 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _ACCURACIES: dict[str, Any] = {"first": ACCURACIES[0], "second": ACCURACIES[1]}
+LIMITS_COLUMNS = {
+    "varied": "varied", "value": "value", "over_pair": Column("2/omega, contact", SECOND),
+    "over_mode": Column("2/omega, mode", SECOND), "stable": Column("stable, twin", SECOND),
+    "engine": Column("stable, LAMMPS", SECOND), "engine_ratio": "LAMMPS / twin",
+    "pair_ratio": "stable / (2/omega, contact)", "mode_ratio": "stable / (2/omega, mode)",
+    "coarse": Column(f"accurate to {ACCURACIES[0]:g}", SECOND),
+    "fine": Column(f"accurate to {ACCURACIES[1]:g}", SECOND), "over_coarse": f"stable / accurate to {ACCURACIES[0]:g}",
+    "over_fine": f"stable / accurate to {ACCURACIES[1]:g}", "share": Column("stable / Rayleigh time", PERCENT),
+    "coarse_share": Column("accurate to 0.01 / Rayleigh time", PERCENT),
+    "window": Column("stable again up to", SECOND),
+}  # fmt: skip
+THRESHOLDS_COLUMNS = {
+    "scene": "scene", "share": "energy may grow by", "omega_dt": "omega dt, mode", "window": "window up to omega dt",
+}  # fmt: skip
+TRAP_COLUMNS = {
+    "backend": "backend", "dt": Column("dt", SECOND),
+    "velocity": Column("velocity, largest error", PERCENT, of="of the largest"),
+    "last": Column("velocity at the end", PERCENT), "momentum": "momentum, largest change",
+    "kinetic": "kinetic energy at the end, error", "energy": "total energy, growth",
+}  # fmt: skip
+
+
 #: a run is unstable whose energy grows for good by more than this share of what was in motion
 GAIN = 1.0
 DEFAULT_SCENE = "decelerating-40"
@@ -95,7 +118,7 @@ def study_stability(
                 progress(done, total, label)
     except KeyboardInterrupt:
         results.interrupted = True
-    columns = ["family", "varied", "value", "omega_dt", "rayleigh", *TEXTS.data["tables"]["limits"]["columns"].values()]
+    columns = ["family", "varied", "value", "omega_dt", "rayleigh", *LIMITS_COLUMNS]
     frame = DataFrame(results.points, columns=list(dict.fromkeys(columns)))
     return TEXTS.study(
         {"scene": scene.name},
@@ -121,9 +144,9 @@ def _agreement(point: Mapping[str, Any]) -> Verdict:
 def tables(scene: Scene, points: DataFrame, result: Results) -> tuple[Table, ...]:
     """Return the limits of every point, how they depend on what is called stable, and the trap."""
     return (
-        TEXTS.table("limits", points.itertuples(), **_ACCURACIES),
-        TEXTS.table("thresholds", result.thresholds),
-        TEXTS.table("trap", result.traps, scene=scene.name),
+        TEXTS.table("limits", LIMITS_COLUMNS, points.itertuples(), **_ACCURACIES),
+        TEXTS.table("thresholds", THRESHOLDS_COLUMNS, result.thresholds),
+        TEXTS.table("trap", TRAP_COLUMNS, result.traps, scene=scene.name),
     )
 
 

@@ -16,6 +16,7 @@ from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.report.columns import MILLISECOND, Column
 from dem_bridge.report.study import Study, Table, check_setting
 from dem_bridge.runs.campaign import Jobs, Progress, run_cases
 from dem_bridge.runs.case import Case
@@ -248,10 +249,10 @@ def _cheapest_table(measured: Measured) -> Table:
             cells: list[str | float] = [observable, target]
             for points in _groups(measured).values():
                 best = least(measured, points, target, observable=observable)
-                cells += ["-", math.nan] if best is None else [setting(best), 1e3 * best.cpu_min]
+                cells += ["-", math.nan] if best is None else [setting(best), best.cpu_min]
             rows.append(cells)
-    heads = (head for name in GROUPS for head in (name, f"{name}: CPU (ms)"))
-    return TEXTS.table("cheapest", rows, columns=("observable", "wanted error", *heads))
+    heads = (head for name in GROUPS for head in (name, Column(f"{name}: CPU", MILLISECOND)))
+    return TEXTS.table("cheapest", ("observable", "wanted error", *heads), rows)
 
 
 def _floors_table(measured: Measured) -> Table:
@@ -266,20 +267,27 @@ def _floors_table(measured: Measured) -> Table:
         best, reason = floor[0], TEXTS(floor[1], limit=measured.limit)
         points = measured.of(name)
         least = (min((measured.bound(point, other) for point in points), default=math.inf) for other in others)
-        rows.append((name, _turned(best), measured.bound(best, "velocity"), 1e3 * best.cpu_min, *least, reason))
-    heads = ("curve", "setting", "velocity error", "CPU (ms)", *(f"least error of {name}" for name in others))
-    return TEXTS.table("floors", rows, columns=(*heads, "what ends it (velocity)"))
+        rows.append((name, _turned(best), measured.bound(best, "velocity"), best.cpu_min, *least, reason))
+    heads = (
+        "curve",
+        "setting",
+        "velocity error",
+        Column("CPU", MILLISECOND),
+        *(f"least error of {name}" for name in others),
+    )
+    return TEXTS.table("floors", (*heads, "what ends it (velocity)"), rows)
 
 
 def _runs_table(measured: Measured) -> Table:
     rows = [
         (
             *(point.curve.name, _turned(point)),
-            *(1e3 * point.cpu_min, 1e3 * point.wall_median, float(point.force_evaluations)),
+            *(point.cpu_min, point.wall_median, float(point.force_evaluations)),
             *map(point.error, measured.observables),
             shorten(point.reason, 60, placeholder=" ..."),
         )
         for point in measured.points
     ]
-    heads = ("curve", "setting", "CPU, least (ms)", "wall, median (ms)", "force evaluations", *measured.observables)
-    return TEXTS.table("runs", rows, columns=(*heads, "reason"))
+    times = (Column("CPU, least", MILLISECOND), Column("wall, median", MILLISECOND))
+    heads = ("curve", "setting", *times, "force evaluations", *measured.observables)
+    return TEXTS.table("runs", (*heads, "reason"), rows)
