@@ -298,7 +298,7 @@ def _answer(measured: Sequence[Measured], laws: Sequence[str], verdicts: Sequenc
         yield TEXTS("law", law=law, clip=words, speed=speed, ratio=spans["ratio"], radius=spans["radius"])
     steps = {item.steps: item for item in measured if item.varies == "step" and not item.impact.clip}
     if steps and all(math.isfinite(steps[count].difference) for count in (10, 100)):
-        yield TEXTS("step", backend=steps[10].backend, **{f"at_{n}": steps[n].difference for n in (10, 100)})
+        yield TEXTS("step", backend=steps[10].backend, at_10=steps[10].difference, at_100=steps[100].difference)
 
 
 def _listed(measured: Sequence[Measured], verdict: Verdict) -> str:

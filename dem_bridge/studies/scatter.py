@@ -397,8 +397,8 @@ def figure(chains: ScatteredChains) -> FigureData:
     panels = (panel("body", residence, 1), panel("contact", force, 0))
     one_by_one = chains.solver == REFERENCE
     seeds = f"seeds from {chains.seed} on" if one_by_one else f"seed {chains.seed}"
-    settings = {"spread": chains.spread, "count": chains.count, "seeds": seeds}
-    settings["solver"] = "the reference" if one_by_one else "an ensemble"
+    solver = "the reference" if one_by_one else "an ensemble"
+    settings = {"spread": chains.spread, "count": chains.count, "seeds": seeds, "solver": solver}
     return replace(TEXTS.figure("scatter", panels, scene=name, **settings), id=f"scatter-{name}")
 
 

@@ -164,8 +164,11 @@ def drift(result: Found) -> list[Verdict]:
     if not scene.dissipates and long.drift is not None:
         total, bar = long.drift.total
         numbers = {"difference": abs(total), "scale": long.scale, "uncertainty": bar, "tolerance": KNOWN}
-        texts["significant"] = "significant" if long.drift.found else "not significant"
-        created.append(TEXTS.verdict("drift", **texts, **numbers, outcome=judge(abs(total), bar, KNOWN), total=total))
+        significant = "significant" if long.drift.found else "not significant"
+        outcome = judge(abs(total), bar, KNOWN)
+        created.append(
+            TEXTS.verdict("drift", **texts, **numbers, outcome=outcome, total=total, significant=significant)
+        )
     exact = virial(scene)
     if exact is not None and long.drift is not None:
         kinetic, stored = (

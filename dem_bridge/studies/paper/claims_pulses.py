@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -179,10 +178,16 @@ def _mismatch(runs: Runs) -> Claim:
     values = {
         key: [heard(runs, f"{DECELERATING}.{key}", further_pulses(body)) for body in COUNTED_AT] for key in MATCHED
     }
-    counts: dict[str, Any] = {key.replace("-", "_"): _words(of_key) for key, of_key in values.items()}
     # the stiffness alone, as the paper says
     outcome = together(*(decided(value, high=0.0) for value in values["matched-stiffness"]))
-    return claim("mismatch", outcome, *(value for of_key in values.values() for value in of_key), **counts)
+    return claim(
+        "mismatch",
+        outcome,
+        *values.values(),
+        matched=_words(values["matched"]),
+        matched_mass=_words(values["matched-mass"]),
+        matched_stiffness=_words(values["matched-stiffness"]),
+    )
 
 
 def _small_mismatch(runs: Runs) -> Claim:

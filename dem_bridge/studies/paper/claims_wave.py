@@ -147,8 +147,8 @@ def _speed_ratio(runs: Runs) -> Claim:
             inputs, outputs = residence[low : high + 1], residence[early : late + 1]
             extremes = {"least": inputs.min() / outputs.max(), "largest": inputs.max() / outputs.min()}
             where = f"inputs {low} to {high}, outputs {early} to {late}"
+            ranges[ends] = extremes
             for extreme, value in extremes.items():
-                ranges[f"{ends}_{extreme}"] = float(value)
                 label = f"{extreme} V_out/V_in, {where}, {name}"
                 values.append(ClaimValue(name=label, backend=REFERENCE, value=float(value)))
         each.append({"chain": name, **ranges, "value": speed_ratio(scene, truth).ratio})

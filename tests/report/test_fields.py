@@ -1,0 +1,63 @@
+"""Every field of every sentence has a value: a misspelt one is found when the tests start, not after a study ran."""
+
+from __future__ import annotations
+
+import tomllib
+from copy import deepcopy
+from pathlib import Path
+
+import pytest
+
+import dem_bridge
+from tests.helpers.sentences import Code, Source, fields_of
+
+ROOT = Path(dem_bridge.__file__).parent
+FILES = [file for room in ("report", "verification", "judging", "studies") for file in (ROOT / room).rglob("*.py")]
+CODE = Code(
+    [
+        Source(file.read_text(encoding="utf-8"), ".".join(file.relative_to(ROOT.parent).with_suffix("").parts))
+        for file in FILES
+    ]
+)
+PAGES = {file.stem: tomllib.loads(file.read_text(encoding="utf-8")) for file in sorted(ROOT.glob("*/pages/*.toml"))}
+
+
+def test_every_field_of_every_sentence_has_a_value() -> None:
+    assert [line for page, content in PAGES.items() for line in CODE.unknown_fields(page, content)] == []
+
+
+#: a text of each kind and room, with a field that no code gives
+FAULTS = [
+    ("bands", "sentences", "measured"), ("bands", "verdicts", "edge"), ("bands", "tables", "edges"),
+    ("horizon", "panels", "energy"), ("horizon", "figures", "horizon-distribution"), ("claims", "decelerates", "each"),
+    ("paper", "answer", "codes"), ("overview", "within", "energy"), ("verify", "sentences", "engine"),
+    ("banner", "why", "step"), ("scope", "sentences", "code"), ("judge", "sentences", "error"),
+    ("check", "panels", "error"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("page", "group", "key"), FAULTS)
+def test_a_misspelt_field_is_found(page: str, group: str, key: str) -> None:
+    content = deepcopy(PAGES[page])
+    entry = content[group]
+    if isinstance(entry[key], dict):
+        entry, key = entry[key], next(name for name, text in entry[key].items() if fields_of(text))
+    field = sorted(fields_of(entry[key]))[0]
+    entry[key] = entry[key].replace("{" + field, "{" + field[:-1] + "q" + field[-1], 1)
+    [*lines] = CODE.unknown_fields(page, content)
+    assert lines
+    assert all(f"{page}.toml, {group}." in line for line in lines)
+
+
+def test_a_field_of_the_page_that_a_call_does_not_give_is_found() -> None:
+    content = deepcopy(PAGES["bands"])
+    content["sentences"]["edges"] += " {tolerance}"
+    [line] = CODE.unknown_fields("bands", content)
+    assert line.startswith("bands.toml, sentences.edges: {tolerance} has no value in dem_bridge.studies.bands, line ")
+
+
+def test_a_misspelt_attribute_of_a_field_is_found() -> None:
+    content = deepcopy(PAGES["extremes"])
+    content["sentences"]["nearest"] = content["sentences"]["nearest"].replace("finding.ratio", "finding.ratoi")
+    [line] = CODE.unknown_fields("extremes", content)
+    assert "{row.finding.ratoi}" in line
