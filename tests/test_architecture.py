@@ -231,7 +231,13 @@ def test_only_its_own_module_imports_dask_and_only_when_it_connects() -> None:
 
 
 def test_only_scene_files_defects_and_texts_of_studies_are_parsed() -> None:
-    assert _importers("tomllib") == {"lmp.known_defects", "scene.file.load", "scene.file.text", "report.texts"}
+    assert _importers("tomllib") == {
+        "lmp.known_defects",
+        "scene.file.load",
+        "scene.file.text",
+        "report.texts",
+        "studies.extremes.catalogue",
+    }
     assert _importers("pydantic") == {"scene.file.load", "scene.file.forms", "scene.file.body_forms"}
 
 

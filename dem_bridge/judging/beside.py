@@ -184,7 +184,7 @@ def _figure(results: Sequence[CodeRun], quantity: str) -> FigureData:
             y = np.array([run.error for run in points])
             if len(points):
                 series.append(Series(label=code, style=styles.get(code, "line/1/0"), x=x, y=y))
-        panels.append(TEXTS.panel(id, series, quantity=quantity))
+        panels.append(TEXTS.panel(id, series, quantity=quantity, log=True))
     return TEXTS.figure("work-precision", panels, quantity=quantity)
 
 

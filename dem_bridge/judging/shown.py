@@ -193,7 +193,7 @@ def _time_panel(judgement: Judgement, name: str, unit: str, factor: float) -> Pa
     limit = part.explained.max(axis=1) / (part.scale or 1.0)
     series.append(Series(label="explained by digits", style="guide", x=factor * file.record.time, y=limit))
     drawn = [Series(label=line.label, style=line.style, x=line.x[line.y > 0], y=line.y[line.y > 0]) for line in series]
-    return TEXTS.panel("time", [line for line in drawn if len(line.x)], unit=unit)
+    return TEXTS.panel("time", [line for line in drawn if len(line.x)], unit=unit, log_y=True)
 
 
 def _step_panel(judgement: Judgement) -> Panel:
@@ -210,4 +210,4 @@ def _step_panel(judgement: Judgement) -> Panel:
             start = item.errors[item.dt.index(float(ends[0]))] / scale
             line = start * (ends / ends[0]) ** item.order.value
             series.append(Series(label="observed order", style="guide", x=ends, y=line))
-    return TEXTS.panel("steps", series)
+    return TEXTS.panel("steps", series, log=True)

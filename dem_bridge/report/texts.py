@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from importlib import resources
 from string import Formatter
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 from dem_bridge.observables.verdict import Verdict
 from dem_bridge.report.columns import Columns, table_cells
 from dem_bridge.report.study import FigureData, Map, Panel, Series, Study, Table
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
+Made = TypeVar("Made", Panel, FigureData, Verdict)
 VERDICTS_COLUMNS = {
     "scene": "scene", "quantity": "quantity", "compared": "compared", "difference": "difference",
     "reference_uncertainty": "uncertainty", "tolerance": "tolerance", "outcome": "outcome",
@@ -62,9 +60,9 @@ class Texts:
         file = resources.files(self.package) / "pages" / f"{self.name}.toml"
         return tomllib.loads(file.read_text(encoding="utf-8"))
 
-    def __call__(self, key: str, **values: Any) -> str:
-        """Return a sentence."""
-        return fill(self.data["sentences"][key], **values)
+    def __call__(self, key: str, *, group: str = "sentences", **values: Any) -> str:
+        """Return a sentence, or another text of a group."""
+        return fill(self.data[group][key], **values)
 
     def notes(self, **values: Any) -> tuple[str, ...]:
         """Return the notes that do not depend on the outcome."""
@@ -79,34 +77,28 @@ class Texts:
     def table(self, id: str, columns: Columns, rows: Iterable[Any], **values: Any) -> Table:
         """Return a table with a row for each item of ``rows``, whose numbers are in SI."""
         headings, cells = table_cells(columns, rows)
-        return Table(id=id, **self._entry("tables", id, values), columns=headings, rows=cells)
+        return Table(id=id, **self._filled("tables", id, values), columns=headings, rows=cells)
 
     def panel(self, id: str, series: Iterable[Series] = (), map: Map | None = None, **values: Any) -> Panel:
-        """Return a panel; values that are fields of a panel become these, the others fill its texts."""
-        more = {key: values.pop(key) for key in ("rows", "shares_scale_with") if key in values}
-        return Panel(**self._entry("panels", id, values), **more, series=tuple(series), map=map)
+        """Return a panel; values that are fields of a panel become these, and all of them fill its texts."""
+        return self._made(Panel, "panels", id, values, series=tuple(series), map=map)
 
     def figure(self, id: str, panels: Iterable[Panel], **values: Any) -> FigureData:
-        """Return a figure of these panels."""
-        return FigureData(id=id, **self._entry("figures", id, values), panels=tuple(panels))
-
-    def lines(self, id: str, frame: DataFrame, x: str, **values: Any) -> Iterator[Series]:
-        """Yield a series over column ``x`` for each label -> (style, column) of the file that has values."""
-        for label, (style, column) in self.data["lines"][id].items():
-            rows = frame.dropna(subset=[column])
-            if len(rows):
-                x_values, y_values = (rows[name].to_numpy(float) for name in (x, column))
-                yield Series(label=fill(label, **values), style=style, x=x_values, y=y_values)
+        """Return a figure of these panels; values as of a panel."""
+        return self._made(FigureData, "figures", id, values, id=id, panels=tuple(panels))
 
     def verdict(self, id: str, **values: Any) -> Verdict:
-        """Return a verdict; values that are fields of a verdict become these, and all of them fill its texts."""
-        fields = {key: value for key, value in values.items() if key in Verdict.__dataclass_fields__}
-        return Verdict(**(self._entry("verdicts", id, values) | fields))
+        """Return a verdict; values as of a panel."""
+        return self._made(Verdict, "verdicts", id, values)
 
-    def _entry(self, kind: str, id: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    def _made(self, kind: type[Made], group: str, key: str, values: Mapping[str, Any], **parts: Any) -> Made:
+        """Return a panel, a figure or a verdict."""
+        own = {key: value for key, value in values.items() if key in kind.__dataclass_fields__}  # type: ignore[attr-defined]
+        return kind(**(self._filled(group, key, values) | own | parts))
+
+    def _filled(self, group: str, id: str, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the texts of a table, a panel, a figure or a verdict, filled with values."""
-        entry = self.data[kind][id]
-        return {key: fill(text, **values) if isinstance(text, str) else text for key, text in entry.items()}
+        return {key: fill(text, **values) for key, text in self.data[group][id].items()}
 
 
 def verdict_table(verdicts: Iterable[Verdict]) -> Table:

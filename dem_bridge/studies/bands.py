@@ -32,6 +32,12 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 
 TEXTS = Texts("bands", "dem_bridge.studies")
+#: codes in the order of their runs -> the one that each is compared with, what the two then differ by, and its style
+CODES = {
+    "scipy": {"other": "", "isolated": "", "style": "reference"},
+    "verlet": {"other": "scipy", "isolated": "time step", "style": "ode45"},
+    "lammps-granular": {"other": "verlet", "isolated": "implementation and round-off", "style": "lammps-granular"},
+}
 EDGES_COLUMNS = {
     "backend": "code", "edge": "edge", "theory": Column("infinite chain", KILOHERTZ),
     "measured": Column("measured", KILOHERTZ), "off": Column("difference", PERCENT),
@@ -193,7 +199,7 @@ def _measured(scene: Scene, cell: Cell, name: str, run: Trajectory, runs: dict[s
     links = len(scene.stiffness)
     static = -scene.contacts.gap[:links]
     change = -np.diff(run.displacement, axis=1)
-    code = TEXTS.data["codes"][name]
+    code = CODES[name]
     other = runs.get(code["other"])
     return Measured(
         backend=name,

@@ -219,8 +219,8 @@ def _figure(runs: Sequence[Run], times: Floats, measured: Floats, predicted: Flo
     lines = [_line(run, "guide" if run.code in METHODS else "other") for run in (verlet, order_4, ode45, tight)]
     walk, every = verlet.of, slice(None, None, max(1, len(verlet.of.contacts) // SHOWN))
     panels = (
-        TEXTS.panel("growth", (*lines, *first)),
-        TEXTS.panel("further", (_line(verlet, "guide"), _line(half, "guide"), *second)),
+        TEXTS.panel("growth", (*lines, *first), log=True, tall=True),
+        TEXTS.panel("further", (_line(verlet, "guide"), _line(half, "guide"), *second), log=True, tall=True),
         TEXTS.panel("walk", _pair(np.asarray(1e-3 * walk.contacts[every]), walk.error[every], walk.predicted[every])),
         TEXTS.panel("within", _pair(1e6 * times, measured, predicted)),
     )

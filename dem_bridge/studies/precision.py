@@ -219,7 +219,18 @@ def _figure(rows: Sequence[Rounded], steps: Sequence[Rounded], scene: str) -> Fi
     double = [row for row in steps if row.kind == SURROGATE]
     x, y = np.array([(row.dt, row.total["double"]) for row in double]).T
     panels = (
-        TEXTS.panel("prediction", (Series(label="measured = predicted", style="guide", x=ends, y=ends), *scatter)),
-        TEXTS.panel("steps", (Series(label="double precision", style="reference", x=x, y=y), *curves), scene=scene),
+        TEXTS.panel(
+            "prediction",
+            (Series(label="measured = predicted", style="guide", x=ends, y=ends), *scatter),
+            log=True,
+            tall=True,
+        ),
+        TEXTS.panel(
+            "steps",
+            (Series(label="double precision", style="reference", x=x, y=y), *curves),
+            scene=scene,
+            log=True,
+            tall=True,
+        ),
     )
     return TEXTS.figure("precision-errors", panels, scene=scene)

@@ -341,8 +341,8 @@ def _figure(measured: Sequence[Measured], laws: Sequence[str]) -> FigureData:
         for nth, law in enumerate(shown):
             x, y = curve_of(law, name)
             lines.append(Series(label=usual_impact(law).name, style=f"line/{nth}/0", x=_FACTORS[name] * x, y=y))
-        panels.append(TEXTS.panel(name, (*lines, *_marks(measured, name))))
-    panels.append(TEXTS.panel("step", _step_series(measured)))
+        panels.append(TEXTS.panel(name, (*lines, *_marks(measured, name)), log=True))
+    panels.append(TEXTS.panel("step", _step_series(measured), log=True))
     return TEXTS.figure("restitution", panels)
 
 

@@ -275,8 +275,8 @@ def _figure(errors: Sequence[SceneErrors]) -> FigureData:
     others = [line(item, "velocity", "velocity, other scenes", "guide") for item in complete if item is not main]
     logged = (velocity, kinetic, momentum) if main.scene.conserves_momentum else (velocity, kinetic)
     panels = (
-        TEXTS.panel("errors", (*others, velocity), title="(a) velocities, all scenes"),
-        TEXTS.panel("errors", logged, title=f"(b) what a log shows, {name}"),
+        TEXTS.panel("errors", (*others, velocity), title="(a) velocities, all scenes", log=True),
+        TEXTS.panel("errors", logged, title=f"(b) what a log shows, {name}", log=True),
     )
     return TEXTS.figure("rule-of-thumb-errors", panels)
 

@@ -341,7 +341,7 @@ def _figure(scene: str, rows: Sequence[Row]) -> FigureData:
         shares = np.array([max(row.shares[name], LEAST_SHOWN) for row in rows])
         series.append(Series(label=name.replace("_", " "), style=f"mark-{nth}", x=shares, y=places))
     panel = TEXTS.panel("shares", series, rows=tuple(row.way for row in rows), scene=scene)
-    return TEXTS.figure("styles-differences", [panel], scene=scene, least=LEAST_SHOWN)
+    return TEXTS.figure("styles-differences", [panel], scene=scene, least=LEAST_SHOWN, columns=1)
 
 
 def _row(way: Way, base: Base) -> tuple[Trajectory, Row]:

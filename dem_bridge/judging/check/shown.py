@@ -132,7 +132,7 @@ def _error(pictures: Pictures) -> FigureData:
         values=pictures.error[::every],
         diverging=True,
     )
-    return TEXTS.figure("error", [TEXTS.panel("error", map=data, unit=unit)])
+    return TEXTS.figure("error", [TEXTS.panel("error", map=data, unit=unit)], columns=1, width=0.56)
 
 
 def _sources(check: Check) -> FigureData:
@@ -148,5 +148,8 @@ def _sources(check: Check) -> FigureData:
         Series(label="_accuracy", style="guide", x=np.full(2, check.accuracy), y=ends),
     ]
     return TEXTS.figure(
-        "sources", [TEXTS.panel("sources", series, rows=tuple(name for name, _ in sources), accuracy=check.accuracy)]
+        "sources",
+        [TEXTS.panel("sources", series, rows=tuple(name for name, _ in sources), accuracy=check.accuracy)],
+        columns=1,
+        width=0.56,
     )

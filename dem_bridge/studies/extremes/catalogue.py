@@ -6,9 +6,11 @@ An entry has a scene, what is true of it, and what is expected of each backend; 
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
+from importlib import resources
 from types import MappingProxyType
 from typing import Any
 
@@ -22,7 +24,6 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.pairing import TableSet
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.physics.hertz import crossed_cylinders
-from dem_bridge.report.texts import Texts
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty.estimate import solve
 from dem_bridge.scene.file import load_scene
@@ -185,9 +186,16 @@ def angles() -> Iterator[Entry]:
         yield entry(chain(name, stiffness=betas), asks)
 
 
+@cache
+def _catalogue() -> Mapping[str, Any]:
+    """Return the content of the file; what it names is looked up when its entries are made, and so checked."""
+    file = resources.files(__package__) / "catalogue.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
 def listed(group: str) -> Iterator[Entry]:
     """Yield the entries of a group in the file of the catalogue."""
-    for item in map(dict, Texts("extremes-catalogue", "dem_bridge.studies").data[group]):
+    for item in map(dict, _catalogue()[group]):
         scene = chain(item.pop("name"), **item.pop("chain", {}))
         expected = {kind: refused(because) for kind, because in item.pop("refused", {}).items()}
         expected |= {kind: Expected(Word(word)) for kind, word in item.pop("expected", {}).items()}

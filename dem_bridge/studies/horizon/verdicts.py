@@ -71,6 +71,7 @@ def single(result: Found, trust: Trust) -> Verdict:
         difference=math.nan if trust.error is None else float(trust.error[-1]),
         uncertainty=trust.last,
         tolerance=KNOWN,
+        scale=1.0,
     )
 
 
@@ -124,7 +125,9 @@ def statistical(result: Found, trust: Trust) -> list[Verdict]:
         names = {"scene": scene.name, "quantity": quantity, "backend": trust.backend}
         texts |= {"value": value, "middle": middle}
         outcome = judge_relative(away / size, 0.0, width / size)
-        created.append(TEXTS.verdict("statistic", **names, **numbers, **texts, outcome=outcome))
+        created.append(
+            TEXTS.verdict("statistic", **names, **numbers, **texts, outcome=outcome, scale=1.0, uncertainty=0.0)
+        )
     return created
 
 
@@ -149,7 +152,16 @@ def conserved(result: Found, trust: Trust) -> list[Verdict]:
         away = float(np.max(np.abs(series - series[0]))) / scale
         names = {"scene": scene.name, "quantity": quantity, "backend": trust.backend, "unit": unit}
         numbers = {"difference": away, "scale": scale, "tolerance": tolerance}
-        verdicts.append(TEXTS.verdict("conserved", **names, **numbers, outcome=judge(away, 0.0, tolerance)))
+        verdicts.append(
+            TEXTS.verdict(
+                "conserved",
+                **names,
+                **numbers,
+                outcome=judge(away, 0.0, tolerance),
+                uncertainty=0.0,
+                reference_uncertainty=0.0,
+            )
+        )
     return verdicts
 
 
@@ -167,7 +179,15 @@ def drift(result: Found) -> list[Verdict]:
         significant = "significant" if long.drift.found else "not significant"
         outcome = judge(abs(total), bar, KNOWN)
         created.append(
-            TEXTS.verdict("drift", **texts, **numbers, outcome=outcome, total=total, significant=significant)
+            TEXTS.verdict(
+                "drift",
+                **texts,
+                **numbers,
+                outcome=outcome,
+                total=total,
+                significant=significant,
+                reference_uncertainty=0.0,
+            )
         )
     exact = virial(scene)
     if exact is not None and long.drift is not None:
@@ -181,7 +201,9 @@ def drift(result: Found) -> list[Verdict]:
         away = abs(ratio - exact)
         numbers = {"difference": away, "uncertainty": width, "tolerance": width, "ratio": ratio, "exact": exact}
         outcome = judge_relative(away / exact, 0.0, width / exact)
-        created.append(TEXTS.verdict("virial", **texts, **numbers, outcome=outcome))
+        created.append(
+            TEXTS.verdict("virial", **texts, **numbers, outcome=outcome, scale=1.0, reference_uncertainty=0.0)
+        )
     return created
 
 
@@ -305,7 +327,7 @@ def _energy(long: LongRun) -> FigureData:
         total, bar = drift.total
         note = f"drift {total:+.1e} +- {bar:.1e} over {long.steps:.3g} steps of {long.dt:.3g} s"
         panel = replace(panel, notes=(note,))
-    return TEXTS.figure("horizon-energy", [replace(panel, series=tuple(series))])
+    return TEXTS.figure("horizon-energy", [replace(panel, series=tuple(series))], columns=1)
 
 
 def _distribution(result: Found, first: int) -> FigureData:
@@ -324,7 +346,7 @@ def _distribution(result: Found, first: int) -> FigureData:
     normal = np.exp(-0.5 * middle**2) / math.sqrt(2.0 * math.pi)
     series.append(Series(label="normal", style="guide", x=middle, y=normal))
     panel = TEXTS.panel("velocities", tuple(series), scene=result.scene.name)
-    return TEXTS.figure("horizon-distribution", [panel], ms=1e3 * float(result.truth.time[first]))
+    return TEXTS.figure("horizon-distribution", [panel], ms=1e3 * float(result.truth.time[first]), columns=1)
 
 
 def answer(result: Found, judged: Sequence[Verdict]) -> Iterator[str]:

@@ -20,6 +20,19 @@ from dem_bridge.scene.geometry import Body, Geometry
 from dem_bridge.scene.scene import Damping, Scene, Wall
 
 TEXTS = Texts("model-hierarchy", "dem_bridge.studies")
+#: all pieces of physics, in the order in which they are applied, as sentences call them
+PIECES = {
+    "stiffness-law": "the exact stiffness law",
+    "striker-stiffness": "the striker's exact stiffness",
+    "force-law": "forces other than Hertz'",
+    "gaps": "the gaps",
+    "drag": "drag",
+    "damping": "dissipation in contacts",
+    "wall": "the wall before the first body",
+    "base": "the base",
+    "gravity": "gravity",
+    "precompression": "the precompression",
+}
 GRAVITY = 9.81
 #: holds the chain together before the impact and does nothing else: N
 BARELY = 1e-6
@@ -197,7 +210,7 @@ def named(ids: Iterable[str]) -> str:
     'drag, the base and gravity'
     """
     chosen = set(ids)
-    words = [word for id, word in TEXTS.data["pieces"].items() if id in chosen]
+    words = [word for id, word in PIECES.items() if id in chosen]
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
@@ -210,7 +223,7 @@ def model_terms_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) 
     """
     added = _from_geometry(scene, dashpot) if add and crossed(scene) else ()
     terms = {term.id: term for term in (*_own(scene), *added)}
-    model_terms = tuple(terms[id] for id in TEXTS.data["pieces"] if id in terms)
+    model_terms = tuple(terms[id] for id in PIECES if id in terms)
 
     def does(term: ModelTerm) -> bool:
         held = frozenset(other.id for other in model_terms if term.id in needs(scene, model_terms, other))

@@ -25,7 +25,15 @@ from dem_bridge.runs.campaign import Jobs, Progress, Result
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.model_hierarchy import models
-from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, TEXTS, angles_soften, crossed, hertzian, named
+from dem_bridge.studies.model_hierarchy.model_terms import (
+    DASHPOT,
+    PIECES,
+    TEXTS,
+    angles_soften,
+    crossed,
+    hertzian,
+    named,
+)
 from dem_bridge.studies.model_hierarchy.models import Bench, Least, LeftOut, ModelHierarchy, Tried
 from dem_bridge.studies.model_hierarchy.passage import (
     FIRST,
@@ -38,6 +46,7 @@ from dem_bridge.studies.model_hierarchy.passage import (
     largest,
 )
 from dem_bridge.studies.scatter import scattered
+from dem_bridge.verification.roles import GRANULAR
 
 #: what is only suspected: drag (1/s), the overlap (m) at which softer contacts have Hertz' force
 DRAG, ANCHOR = 10.0, 5e-6
@@ -47,6 +56,17 @@ DRAWS = 6
 COARSE = ("bca", "adiabatic", "verlet")
 #: name of a run, short and in full, its backend and its settings
 Choice = tuple[str, str, str, Resolution]
+#: numerical choices: name, in words, backend, and step in units of the default one
+CHOICES = (
+    ("binary collisions", "binary collisions in place of the equations of motion", "bca", None),
+    ("the adiabatic wave", "the adiabatic wave in place of the equations of motion", "adiabatic", None),
+    *(("velocity-Verlet", "velocity-Verlet", "verlet", steps) for steps in (100.0, 40.0, 10.0, 1.0)),
+    ("LAMMPS granular", "LAMMPS, pair_style granular", GRANULAR, 10.0),
+    ("LAMMPS table", "LAMMPS, pair_style table", "lammps-table", 10.0),
+    ("ode45", "ode45 at MATLAB's default tolerances", "ode45", None),
+)
+#: whether something may be left out, by outcome
+MAY = {"PASS": "yes", "FAIL": "no", "UNDECIDED": "undecided", "NOT_RUN": "not run", "BROKEN": "run broke"}
 
 
 def doubts(bench: Bench, observables: Sequence[str], *, spread: float, draws: int) -> Iterator[Tried]:
@@ -101,13 +121,15 @@ def choices(bench: Bench, observables: Sequence[str], engine: Engine | None) -> 
 
 
 def _choices(hierarchy: ModelHierarchy, scene: Scene) -> list[Choice]:
-    """Return the numerical choices of the file that the scene has; steps are multiples of its default step."""
+    """Return the numerical choices that the scene has; steps are multiples of its default step."""
     step = default_step(scene, Sampling(count=hierarchy.samples), prescan_scene(scene))
     results = []
-    for item in TEXTS.data["choices"]:
-        settings = {"dt": item["steps"] * step if "steps" in item else None, **item.get("settings", {})}
-        if "geometry" not in settings or scene.spacing is not None:
-            results.append((item["name"], item["what"], item["backend"], Resolution(**settings)))
+    for name, what, code, steps in CHOICES:
+        resolution = Resolution(dt=None if steps is None else steps * step)
+        results.append((name, what, code, resolution))
+        if code == GRANULAR and scene.spacing is not None:
+            physical = replace(resolution, geometry="physical")
+            results.append(("the same, physical radius", f"{what}, bodies of their physical radius", code, physical))
     return results
 
 
@@ -219,7 +241,7 @@ def study_model_hierarchy(
         texts,
         answer=tuple(answer),
         tables=(*(_table(hierarchy, id, items) for id, items in tables.items() if items), *_start_table(alone)),
-        figures=(TEXTS.figure("effects", drawn, **texts),) if drawn else (),
+        figures=(TEXTS.figure("effects", drawn, **texts, columns=1),) if drawn else (),
         verdicts=tuple(
             TEXTS.verdict("broken", scene=scene.name, **vars(item))
             for item in numerical
@@ -243,7 +265,7 @@ def _table(hierarchy: ModelHierarchy, id: str, items: Sequence[Tried]) -> Table:
         bar = max((effect.uncertainty for effect in effects.values() if effect.exists), default=math.nan)
         return (*(effects[name].value for name in names), bar)
 
-    rows = [(item.what, *cells(item.effects), TEXTS.data["may"][item.outcome]) for item in items]
+    rows = [(item.what, *cells(item.effects), MAY[item.outcome]) for item in items]
     last = (Column("largest uncertainty", PERCENT), f"within {100.0 * hierarchy.accuracy:g} %?")
     return TEXTS.table(id, ("what", *_columns(names), *last), rows, draws=DRAWS)
 
@@ -265,7 +287,7 @@ def question_table(requested: Iterable[tuple[ModelHierarchy, Sequence[LeftOut]]]
             item.term.what,
             hierarchy.scene.name,
             *(item.effects[name].value for name in names),
-            TEXTS.data["may"][item.outcome],
+            MAY[item.outcome],
         )
         for hierarchy, alone in requested
         for item in alone
@@ -345,6 +367,6 @@ def _notes(hierarchy: ModelHierarchy, bench: Bench, numerical: Sequence[Tried], 
         start = TEXTS("start", first=first) if first else ""
         yield TEXTS("passage", until=1e3 * bench.until, duration=1e3 * hierarchy.duration, start=start)
     ids = {term.id for term in hierarchy.model_terms}
-    if missing := [id for id in TEXTS.data["pieces"] if id not in ids]:
+    if missing := [id for id in PIECES if id not in ids]:
         yield TEXTS("missing", names=named(missing))
     yield from (item.note for item in numerical if item.note)

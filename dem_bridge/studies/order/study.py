@@ -301,7 +301,9 @@ def _touch_figure(pairs: Mapping[str, PairErrors], laws: Mapping[float, tuple[Fl
         lines.append(Series(label=TEXTS("law"), style="guide", x=pair.steps[clear], y=term[clear]))
         errors = np.abs(pair.errors[clear])
         lines.append(Series(label=TEXTS(name), style=STYLES[name], x=pair.steps[clear], y=errors))
-    return TEXTS.figure("order-touch", (TEXTS.panel("coefficient", curves), TEXTS.panel("pair", lines)))
+    return TEXTS.figure(
+        "order-touch", (TEXTS.panel("coefficient", curves, tall=True), TEXTS.panel("pair", lines, log=True, tall=True))
+    )
 
 
 def _chain_figure(scene: Scene, chains: Sequence[ChainErrors]) -> FigureData:
@@ -319,7 +321,10 @@ def _chain_figure(scene: Scene, chains: Sequence[ChainErrors]) -> FigureData:
         Series(label=TEXTS("smaller"), style="guide", x=law, y=np.minimum(law, 4.0)),
         Series(label=TEXTS("measured"), style="nth/1/1", x=np.array([item.exponent for item in touching]), y=orders),
     )
-    return TEXTS.figure("order-chain", (TEXTS.panel("chain", errors, scene=scene.name), TEXTS.panel("order", points)))
+    return TEXTS.figure(
+        "order-chain",
+        (TEXTS.panel("chain", errors, scene=scene.name, log=True, tall=True), TEXTS.panel("order", points, tall=True)),
+    )
 
 
 def _touching(chains: Sequence[ChainErrors]) -> list[ChainErrors]:
@@ -337,5 +342,5 @@ def _tolerance_figure(scene: Scene, rows: Sequence[Row]) -> FigureData:
         if id == "tolerance":
             ends = np.array([TOLERANCES[-1], TOLERANCES[0]])
             series.append(Series(label=TEXTS("equal"), style="guide", x=ends, y=ends))
-        panels.append(TEXTS.panel(id, series))
+        panels.append(TEXTS.panel(id, series, log=True, tall=True))
     return TEXTS.figure("order-tolerance", panels, scene=scene.name)

@@ -21,8 +21,6 @@ from dem_bridge.report.texts import Texts, fill
 PAPER = Texts("paper", "dem_bridge.studies")
 #: texts of each claim by its id; the first lines of the file describe them
 CLAIMS = Texts("claims", "dem_bridge.studies").data
-#: id -> kind and name of a term of the error budget
-TERMS = PAPER.data["terms"]
 
 
 def percent(value: float, digits: int = 2) -> str:

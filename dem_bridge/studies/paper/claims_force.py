@@ -15,9 +15,9 @@ from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.exact import solitary_wave, two_body_collision
 from dem_bridge.report.study import Claim, ClaimValue
 from dem_bridge.scene.scene import Scene
-from dem_bridge.studies.paper import CLAIMS
 from dem_bridge.studies.paper.claims import (
     DECIDE,
+    PRINTED,
     by,
     claim,
     decided,
@@ -81,7 +81,7 @@ def forces(runs: Runs) -> Iterator[Claim]:
 def _exponent(runs: Runs, name: str) -> Claim:
     """Judge the whole range of exponents over windows, because the residuals are a curve and no scatter."""
     id = f"force-exponent-{name.split('-')[0]}"
-    number = printed(**CLAIMS[id]["printed"])
+    number = printed(**PRINTED[id])
     low, high = ((1.0 + change) * number.value for change in (-REMARKABLE, REMARKABLE))
     values = {key: heard(runs, name, measure) for key, measure in EXPONENTS.items()}
     numbers: dict[str, Any] = {**sentence_numbers(values["whole"]), "tolerance": REMARKABLE}

@@ -17,8 +17,7 @@ from dem_bridge.report.study import Claim, ClaimValue
 from dem_bridge.scene.geometry import Elastic
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.model_hierarchy.model_terms import GRAVITY, quartz_sphere
-from dem_bridge.studies.paper import CLAIMS
-from dem_bridge.studies.paper.claims import Limits, claim, exact, printed, together
+from dem_bridge.studies.paper.claims import FORMULAS, PRINTED, Limits, claim, exact, printed, together
 from dem_bridge.studies.paper.effects import relative_changes
 from dem_bridge.studies.paper.measures import Measure, at_body, inside
 from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs
@@ -93,8 +92,8 @@ def numbers(runs: Runs) -> Iterator[Claim]:
 
 def _formula(id: str, result: float, **numbers: Any) -> Claim:
     """Return the claim on a printed number that must be the rounded result of a formula."""
-    number = printed(**CLAIMS[id]["printed"])
-    value, half = exact(CLAIMS[id]["formula"], result, number.unit), number.uncertainty
+    number = printed(**PRINTED[id])
+    value, half = exact(FORMULAS[id], result, number.unit), number.uncertainty
     outcome = inside(value, number.value - half, number.value + half)
     off = result / number.value - 1.0
     return claim(id, outcome, number, value, result=result, off=off, less=-off, ratio=1.0 + off, **numbers)

@@ -183,7 +183,7 @@ def _mismatch(runs: Runs) -> Claim:
     return claim(
         "mismatch",
         outcome,
-        *values.values(),
+        *(value for of_key in values.values() for value in of_key),
         matched=_words(values["matched"]),
         matched_mass=_words(values["matched-mass"]),
         matched_stiffness=_words(values["matched-stiffness"]),

@@ -18,8 +18,7 @@ from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.report.study import Claim, ClaimValue
 from dem_bridge.scene.scene import Scene
-from dem_bridge.studies.paper import CLAIMS
-from dem_bridge.studies.paper.claims import Limits, claim, exact, heard, printed, sentence_numbers, together
+from dem_bridge.studies.paper.claims import PRINTED, Limits, claim, exact, heard, printed, sentence_numbers, together
 from dem_bridge.studies.paper.claims_pulses import NO_SCATTERING, WELL, followers, striker_shares
 from dem_bridge.studies.paper.effects import ANCHORS, AS_IS, STRONG
 from dem_bridge.studies.paper.measures import FIRST, LAST, Measure, at_body, deviation, profiled
@@ -68,7 +67,7 @@ def _residence_definition(scene: Scene) -> Claim:
     )
     # of two bodies with one velocity, at the time of eq. 3.3, the second has this share of what it will have
     together_at_half = scene.mass[1] / (scene.mass[1] + scene.mass[2])
-    number = printed(**CLAIMS["residence-definition"]["printed"])
+    number = printed(**PRINTED["residence-definition"])
     share = exact("share at T, masses 1 : 1", together_at_half / hit.exit_velocity[1], "")
     whole = hit.contact_time / hit.half_time
     return claim("residence-definition", Outcome.FAIL, number, share, share=share.value, whole=whole)

@@ -24,13 +24,21 @@ from dem_bridge.report.study import Table
 from dem_bridge.scene.file.physical import rounded
 from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.studies.model_hierarchy import model_terms
-from dem_bridge.studies.paper import PAPER, TERMS
+from dem_bridge.studies.paper import PAPER
 from dem_bridge.trajectory.trajectory import Trajectory
 
 #: overlaps at which contacts with another exponent have the same force as Hertz', m: small and large ones of the wave
 ANCHORS = {"exponent-1um": 1e-6, "exponent-5um": 5e-6}
 #: kinds of terms. "supposed": physics whose numbers the paper does not give, so that its effect is that of our values
 NUMERICS, THEORY, PARAMETER, PHYSICS, SUPPOSED = "numerics", "theory", "parameter", "model", "supposed"
+#: kind -> terms of the error budget: changes of the paper's chain, or a code or theory in place of the reference
+TERMS: Mapping[str, tuple[str, ...]] = {
+    PHYSICS: ("as-is", "exact-stiffness", "gravity", "base"),
+    SUPPOSED: ("striker-mass", "speed-1-percent", "dashpot", "kuwabara-kono", "drag", "exponent-1um", "exponent-5um"),
+    PARAMETER: ("striker-stiffness", "printed-90-degrees"),
+    NUMERICS: ("reference-uncertainty", "lammps", "scipy", "ode45"),
+    THEORY: ("bca", "adiabatic"),
+}
 #: the chain itself, beside which its variants are set
 AS_IS = "as-is"
 #: of the arrival at the end by binary collisions: what comes back from there is no first passage
@@ -146,9 +154,15 @@ def relative_changes(scene: Scene, base: Trajectory, changed: Trajectory) -> dic
     return {label: after[label] / before[label] - 1.0 for label in PLACES}
 
 
+def _term(id: str) -> dict[str, str]:
+    """Return the kind of a term of the budget, and what it changes in words."""
+    kind = next(kind for kind, ids in TERMS.items() if id in ids)
+    return {"kind": kind, "what": PAPER(id, group="terms")}
+
+
 def effect(id: str, scene: Scene, base: Trajectory, changed: Trajectory) -> Effect:
     """Return the effect of a variant, or the error of a code or theory, which has the texts of the term ``id``."""
-    return Effect(id=id, scene=scene.name, changes=relative_changes(scene, base, changed), **TERMS[id])
+    return Effect(id=id, scene=scene.name, changes=relative_changes(scene, base, changed), **_term(id))
 
 
 def reference_uncertainty(scene: Scene, truth: Trajectory) -> Effect:
@@ -158,7 +172,7 @@ def reference_uncertainty(scene: Scene, truth: Trajectory) -> Effect:
         value, uncertainty = (np.atleast_1d(part(scene, truth)[place(scene)]) for part in _parts(name))
         largest = int(np.argmax(value))
         changes[label] = float(uncertainty[largest] / value[largest])
-    return Effect(id="reference-uncertainty", scene=scene.name, changes=changes, **TERMS["reference-uncertainty"])
+    return Effect(id="reference-uncertainty", scene=scene.name, changes=changes, **_term("reference-uncertainty"))
 
 
 def _parts(name: str) -> tuple[Reader, Reader]:

@@ -25,6 +25,10 @@ from dem_bridge.studies.paper.summary import counted, failures
 from dem_bridge.verification.assess import SceneStudy
 
 TEXTS = Texts("overview", "dem_bridge.studies")
+#: parts of the abstract in their order
+PARTS = ("question", "method", "result", "effects", "criteria", "not_verified")
+#: kinds of statements that miss their criterion, in the order of the table
+WRONG = {"limit": "beyond our limit", "theory": "theory off", "print": "wrong in print"}
 WRONG_COLUMNS = ("no.", "about", "found (criterion)", "kind")
 #: outcomes of comparisons that can pass or fail
 _JUDGED = (Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED, Outcome.BROKEN)
@@ -99,7 +103,7 @@ def abstract(
         "energy": _energy(runs),
         "numbers": _listed(sensitive),
     }
-    parts = TEXTS.data["parts"].values()
+    parts = (TEXTS.data["parts"][part] for part in PARTS)
     return tuple(
         Points(heading=part["heading"], points=tuple(filter(None, (fill(p, **values) for p in part["points"]))))
         for part in parts
@@ -107,7 +111,7 @@ def abstract(
 
 
 def _within(key: str, **values: Any) -> str:
-    return fill(TEXTS.data["within"][key], **values)
+    return TEXTS(key, group="within", **values)
 
 
 def _errors(studies: Sequence[SceneStudy]) -> str:
@@ -183,14 +187,12 @@ def _single_cylinders(runs: Runs) -> dict[str, float]:
 def wrong_table(claims: Sequence[Claim]) -> Table:
     """Return the table of the statements that miss their criterion, by kind, and of theories without one."""
     numbers = {claim.id: number for number, claim in enumerate(claims, start=1)}
-    failed = sorted(failures(claims), key=lambda item: list(TEXTS.data["wrong"]).index(item[0].kind))
-    rows: list[tuple[str | float, ...]] = [
-        (numbers[c.id], what, c.short, TEXTS.data["wrong"][c.kind]) for c, _, what in failed
-    ]
+    failed = sorted(failures(claims), key=lambda item: list(WRONG).index(item[0].kind))
+    rows: list[tuple[str | float, ...]] = [(numbers[c.id], what, c.short, WRONG[c.kind]) for c, _, what in failed]
     for claim in claims:
         if claim.outcome is Outcome.MODEL_DIFFERENCE:
             about = claim.id.replace("-", " ")
-            rows.append((numbers[claim.id], about, claim.short, TEXTS.data["wrong"][claim.kind]))
+            rows.append((numbers[claim.id], about, claim.short, WRONG[claim.kind]))
     return TEXTS.table("wrong", WRONG_COLUMNS, rows)
 
 

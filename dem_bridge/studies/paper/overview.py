@@ -20,6 +20,26 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.reference import SCIPY
 
 TEXTS = Texts("overview", "dem_bridge.studies")
+#: rows of the scale of differences: numerical errors, then effects of the model with the observable that each changes
+HEADINGS = {"numerics": "Errors of velocities:", "effects": "Effects of the model:"}
+NUMERICS = {
+    "reference": "reference (estimate)",
+    "scipy": "reference, second method",
+    "round-off": "LAMMPS, round-off",
+    "time-step": "LAMMPS, time step",
+    "ode45": "ode45 (defaults)",
+}
+EFFECTS = {
+    "gravity": ("gravity and base: arrival", "arrival at the last cylinder"),
+    "bca": ("BCA: arrival", "arrival at the last cylinder"),
+    "exact-stiffness": ("exact Hertz law: force", "largest force"),
+    "striker-mass": ("striker of fused quartz: force", "largest force"),
+    "exponent-1um": ("n falls to 2.2: force", "force at the middle"),
+    "bca-force": ("BCA: force", "largest force"),
+    "bca-velocity": ("BCA: velocity", "velocity of cylinder 20"),
+}
+#: assumptions of the model, in the order in which they are judged
+ASSUMPTIONS = ("ellipse", "pressure", "edge tension", "sound", "weight")
 #: rows of the scale -> part of the error budget of velocities; code whose velocities differ
 _PARTS = {"round-off": "round-off", "reference": "reference", "time-step": "time step"}
 _CODES = (SCIPY, "ode45")
@@ -40,11 +60,9 @@ def scale_of_differences(
     """Return the figure with every difference on one logarithmic scale: numerical errors, then effects of the model."""
     values = {name: dict(_differences(name, studies, effects, runs)) for name in MAIN}
     rows: dict[str, str] = {}
-    for group in ("numerics", "effects"):
-        texts = TEXTS.data[group].items()
-        present = {id: text for id, text in texts if any(id in of_chain for of_chain in values.values())}
-        heading = {group: f"{TEXTS.data['scale'][group]}:"} if present else {}
-        rows |= heading | {id: text if isinstance(text, str) else text[0] for id, text in present.items()}
+    for group, texts in (("numerics", NUMERICS), ("effects", {id: text for id, (text, _) in EFFECTS.items()})):
+        present = {id: text for id, text in texts.items() if any(id in of_chain for of_chain in values.values())}
+        rows |= ({group: HEADINGS[group]} if present else {}) | present
     places = {id: float(place) for place, id in enumerate(rows)}
     series = []
     for mark, (name, of_chain) in zip(("mark-2", "mark-3"), values.items(), strict=True):
@@ -72,7 +90,7 @@ def _differences(
     for code in _CODES:
         if truth is not None and (run := runs.run(name, code)) is not None:
             yield code, difference("velocity", run, truth).value
-    for id, (_, observable) in TEXTS.data["effects"].items():
+    for id, (_, observable) in EFFECTS.items():
         for effect in effects:
             if (effect.scene, effect.id) == (name, id.removesuffix("-force")) and observable in effect.changes:
                 yield id, abs(effect.changes[observable])
@@ -101,10 +119,10 @@ def tornado(effects: Sequence[Effect]) -> FigureData | None:
             yield Series(label=label, style="bar", x=x, y=np.array(at, dtype=float))
 
     panels = [
-        TEXTS.panel("tornado", bars(name), rows=names if not nth else ("",) * len(names), observable=name)
+        TEXTS.panel("tornado", bars(name), rows=names if not nth else ("",) * len(names), observable=name, bars=True)
         for nth, name in enumerate(_SHOWN)
     ]
-    return TEXTS.figure("tornado", panels)
+    return TEXTS.figure("tornado", panels, columns=3)
 
 
 def validity_figure(runs: Runs) -> FigureData | None:
@@ -116,11 +134,13 @@ def validity_figure(runs: Runs) -> FigureData | None:
         x = np.array([contact.angle for contact in angled])
         series = [
             Series(label=label, style=f"nth/{nth}/{nth}", x=x, y=np.array([_over_limit(c, nth) for c in angled]))
-            for nth, label in enumerate(TEXTS.data["validity"].values())
+            for nth, label in enumerate(ASSUMPTIONS)
         ]
         series.append(Series(label="limit", style="guide", x=x[[0, -1]], y=np.ones(2)))
         chain = PAPER(scene.name.removesuffix("-40"))
-        panels.append(TEXTS.panel("validity", series, letter=letter, chain=chain, shares_scale_with=(0, 1)))
+        panels.append(
+            TEXTS.panel("validity", series, letter=letter, chain=chain, shares_scale_with=(0, 1), log=True, tall=True)
+        )
     if len(panels) < len(MAIN):
         return None
     of_striker, inner = max(ratios[0] for ratios in tensions), max(max(ratios[1:]) for ratios in tensions)

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Claim
-from dem_bridge.report.texts import fill
 from dem_bridge.studies.paper import PAPER, percent
 from dem_bridge.studies.paper.claims import by
 from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, THEORY, Effect
@@ -17,13 +16,36 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.reference import REFERENCE, SCIPY
 from dem_bridge.verification.roles import POSITIONAL
 
-ANSWER = PAPER.data["answer"]
 #: limits of this report, in addition to those of every report
-NOT_VERIFIED = tuple(ANSWER["not_verified"])
+NOT_VERIFIED = tuple(PAPER.data["answer"]["not_verified"])
+#: how claims are counted, by kind, for several and for one
+COUNTED = {
+    "holds": ("hold", "holds"),
+    "print": (
+        "are wrong in print (misprint, rounding or wording)",
+        "is wrong in print (misprint, rounding or wording)",
+    ),
+    "theory": (
+        "are theories or approximations that are off by a stated amount",
+        "is a theory that is off by a stated amount",
+    ),
+    "limit": ("exceed a limit that we set", "exceeds a limit that we set"),
+    "undecided": ("cannot be decided", "cannot be decided"),
+    "not run": ("were not run", "was not run"),
+}
 #: claims that do not hold, the gravest first -> what the claim is about
-FAILURES = ANSWER["failures"]
+FAILURES = {
+    "velocity-by-bca": "peak velocities by BCA (eq. 3.5)",
+    "arrival-as-printed": "total travel time (eq. 3.7), which omits T_0 and names no origin",
+    "weight": "weight of the chain",
+    "residence-definition": "time of complete momentum transfer (eq. 3.3)",
+    "compression": "largest compression",
+    "stiffness-90-degrees": "stiffness at 90 degrees",
+    "point-contact": "Hertz point contact down to 2 degrees",
+    "residence-by-bca": "residence times by BCA",
+}
 #: kinds of claims that do not hold, in words
-FAILS_BY = ANSWER["fails_by"]
+FAILS_BY = {"theory": "a theory that is off", "print": "wrong in print", "limit": "limits that we set"}
 
 
 def answer(claims: Sequence[Claim], effects: Sequence[Effect], studies: Sequence[SceneStudy]) -> tuple[str, ...]:
@@ -58,22 +80,22 @@ def _codes(studies: Sequence[SceneStudy]) -> str:
     everywhere = worst(False, REFERENCE, both)
     wrong = Counter(v.outcome for study in studies for v in study.verdicts)
     if math.isnan(error):
-        return fill(ANSWER["without_lammps"], everywhere=everywhere)
+        return PAPER("without_lammps", group="answer", everywhere=everywhere)
     if failed := wrong[Outcome.FAIL] + wrong[Outcome.BROKEN]:
         broken = wrong[Outcome.BROKEN]
-        return fill(ANSWER["wrong"], count=wrong.total(), failed=failed - broken, broken=broken)
+        return PAPER("wrong", group="answer", count=wrong.total(), failed=failed - broken, broken=broken)
     differences = {"error": error, "same": same, "two": two, "everywhere": everywhere, "both": len(both)}
-    return fill(ANSWER["codes"], count=len(studies), **differences)
+    return PAPER("codes", group="answer", count=len(studies), **differences)
 
 
 def _count(claims: Sequence[Claim]) -> str:
-    return fill(ANSWER["count"], count=len(claims), parts=counted(claims))
+    return PAPER("count", group="answer", count=len(claims), parts=counted(claims))
 
 
 def counted(claims: Sequence[Claim]) -> str:
     """Return how many claims there are of each kind, in words."""
     counts = Counter(claim.kind for claim in claims)
-    words = [f"{n} {forms[n == 1]}" for kind, forms in ANSWER["kinds"].items() if (n := counts[kind])]
+    words = [f"{n} {forms[n == 1]}" for kind, forms in COUNTED.items() if (n := counts[kind])]
     return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
 
 
@@ -81,11 +103,12 @@ def _theory(claims: Sequence[Claim]) -> str:
     by_id = {claim.id: claim for claim in claims}
     slow, fast = by_id.get("decelerates"), by_id.get("accelerates")
     if slow is None or fast is None or Outcome.NOT_RUN in (slow.outcome, fast.outcome):
-        return str(ANSWER["without_reference"])
+        return PAPER("without_reference", group="answer")
     away = [abs(v.value) for v in by_id["arrival-by-bca"].values if v.name.startswith("with T_0")]
     velocities = by_id["velocity-by-bca"].values
-    return fill(
-        ANSWER["theory"],
+    return PAPER(
+        "theory",
+        group="answer",
         low=by(slow.values).value,
         high=by(fast.values).value,
         away=max(away, default=math.nan),
@@ -96,7 +119,7 @@ def _theory(claims: Sequence[Claim]) -> str:
 
 def _where_not(claims: Sequence[Claim]) -> str:
     groups = names_of_failures(claims)
-    return fill(ANSWER["where_not"], groups=groups) if groups else str(ANSWER["all_hold"])
+    return PAPER("where_not", group="answer", groups=groups) if groups else PAPER("all_hold", group="answer")
 
 
 def failures(claims: Sequence[Claim]) -> tuple[tuple[Claim, str, str], ...]:
@@ -128,10 +151,10 @@ def _largest(effects: Sequence[Effect]) -> str:
     )
     supposed, numerics = largest(SUPPOSED), largest("lammps")
     if whole is None or model is None or law is None or supposed is None:
-        return str(ANSWER["without_budget"])
+        return PAPER("without_budget", group="answer")
     said = "LAMMPS was not run" if numerics is None else f"the numerical error of LAMMPS is {percent(numerics.largest)}"
     terms = {"whole": _named(whole), "model": _named(model), "supposed": _named(supposed)}
-    return fill(ANSWER["largest"], law=law.largest, numerics=said, **terms)
+    return PAPER("largest", group="answer", law=law.largest, numerics=said, **terms)
 
 
 def _named(effect: Effect) -> str:

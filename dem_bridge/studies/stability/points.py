@@ -32,6 +32,25 @@ from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.roles import GRANULAR, TWIN
 
 TEXTS = Texts("stability", "dem_bridge.studies")
+#: scene of the family of contact angles: crossed quartz cylinders, struck by a sphere
+CYLINDERS = """
+name = "angle"
+duration = 1.0
+[material]
+youngs_modulus = 72.0e9
+poissons_ratio = 0.17
+density = 2200.0
+[chain.cylinders]
+count = 5
+radius = 9.0e-3
+height = 18.0e-3
+[chain.contacts]
+law = "exact"
+angle = {angle!r}
+[chain.striker]
+radius = 9.0e-3
+velocity = {speed!r}
+"""
 #: wanted of velocities
 ACCURACIES = (1e-2, 1e-4)
 #: LAMMPS looks so far below the twin's limit, at steps so close
@@ -97,7 +116,7 @@ def chain(name: str, mass: tuple[float, ...], stiffness: tuple[float, ...], spee
 
 def cylinders(angle: float) -> Scene:
     """Return five quartz cylinders of 9 mm at this angle (degrees), struck by a sphere; Hertz' exact law."""
-    scene = parse_scene(TEXTS.data["cylinders"].format(angle=angle, speed=SPEED))
+    scene = parse_scene(CYLINDERS.format(angle=angle, speed=SPEED))
     return replace(scene, duration=_until_over(scene.mass[0], scene.velocity[0], scene.stiffness))
 
 

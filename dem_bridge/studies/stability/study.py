@@ -38,7 +38,23 @@ from dem_bridge.verification.roles import GRANULAR, TWIN
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_ACCURACIES: dict[str, Any] = {"first": ACCURACIES[0], "second": ACCURACIES[1]}
+#: lines of the figures: label -> style and column
+FAMILY_LINES = {
+    "2/omega of one contact": ("guide", "over_pair"),
+    "2/omega of the highest mode": ("fit", "over_mode"),
+    "stable, twin": ("reference", "stable"),
+    "stable, LAMMPS": ("lammps-granular", "engine"),
+    f"accurate to {ACCURACIES[0]:g}, twin": ("bca", "coarse"),
+    f"accurate to {ACCURACIES[1]:g}, twin": ("adiabatic", "fine"),
+    "Rayleigh time": ("", "rayleigh"),
+}
+TRAP_LINES = {
+    "velocity, largest error": ("bca", "velocity"),
+    "velocity at the end": ("adiabatic", "last"),
+    "kinetic energy at the end": ("fit", "kinetic"),
+    "momentum, largest change": ("reference", "momentum"),
+}
+ENGINE_LINES = {"velocity, LAMMPS": ("lammps-granular", "velocity")}
 LIMITS_COLUMNS = {
     "varied": "varied", "value": "value", "over_pair": Column("2/omega, contact", SECOND),
     "over_mode": Column("2/omega, mode", SECOND), "stable": Column("stable, twin", SECOND),
@@ -144,7 +160,7 @@ def _agreement(point: Mapping[str, Any]) -> Verdict:
 def tables(scene: Scene, points: DataFrame, result: Results) -> tuple[Table, ...]:
     """Return the limits of every point, how they depend on what is called stable, and the trap."""
     return (
-        TEXTS.table("limits", LIMITS_COLUMNS, points.itertuples(), **_ACCURACIES),
+        TEXTS.table("limits", LIMITS_COLUMNS, points.itertuples()),
         TEXTS.table("thresholds", THRESHOLDS_COLUMNS, result.thresholds),
         TEXTS.table("trap", TRAP_COLUMNS, result.traps, scene=scene.name),
     )
@@ -157,8 +173,10 @@ def figures(
     panels = []
     for letter, family in zip("abcd", chosen, strict=False):
         if len(item := points[points["family"] == family.id]):
-            series = TEXTS.lines("family", item, "value", **_ACCURACIES)
-            panels.append(TEXTS.panel("family", series, letter=letter, family=TEXTS.data["families"][family.id]))
+            series = _lines(FAMILY_LINES, item, "value")
+            panels.append(
+                TEXTS.panel("family", series, letter=letter, family=TEXTS.data["families"][family.id], log=True)
+            )
     if panels:
         yield TEXTS.figure("stability-limits", panels)
     if result.gains is not None:
@@ -170,18 +188,28 @@ def figures(
             Series(label="gain that is called unstable", style="fit", x=STEPS[[0, -1]], y=np.array([gain, gain])),
         ]
         size = Map(label="log10 |energy change|", x=STEPS, y=PHASES, values=np.log10(np.maximum(np.abs(finite), 1e-9)))
-        yield TEXTS.figure("stability-gain", (TEXTS.panel("phases", edges), TEXTS.panel("gains", map=size)))
+        yield TEXTS.figure("stability-gain", (TEXTS.panel("phases", edges, log=True), TEXTS.panel("gains", map=size)))
     if result.curve:
-        yield TEXTS.figure("stability-trap", [TEXTS.panel("trap", _trap(points, result), scene=scene.name)])
+        yield TEXTS.figure(
+            "stability-trap", [TEXTS.panel("trap", _trap(points, result), scene=scene.name, log=True)], columns=1
+        )
 
 
 def _trap(points: DataFrame, result: Results) -> Iterator[Series]:
     """Yield the errors of the named scene over the time step, and its largest stable step."""
     curve, engine = _frame(result.curve, TWIN), _frame(result.traps, GRANULAR)
-    yield from TEXTS.lines("trap", curve.assign(momentum=np.maximum(curve["momentum"], 1e-17)), "dt")
-    yield from TEXTS.lines("trap-of-lammps", engine, "dt")
+    yield from _lines(TRAP_LINES, curve.assign(momentum=np.maximum(curve["momentum"], 1e-17)), "dt")
+    yield from _lines(ENGINE_LINES, engine, "dt")
     limit = float(points["stable"].iloc[-1])
     yield Series(label="largest stable step", style="guide", x=np.array([limit] * 2), y=np.array([1e-16, 1.0]))
+
+
+def _lines(lines: Mapping[str, tuple[str, str]], frame: DataFrame, x: str) -> Iterator[Series]:
+    """Yield a series over column ``x`` for each label -> (style, column) that has values."""
+    for label, (style, column) in lines.items():
+        rows = frame.dropna(subset=[column])
+        if len(rows):
+            yield Series(label=label, style=style, x=rows[x].to_numpy(float), y=rows[column].to_numpy(float))
 
 
 def _frame(traps: Sequence[Trap], backend: str) -> DataFrame:
@@ -198,7 +226,7 @@ def answer(chosen: Sequence[Family], points: DataFrame, result: Results, gain: f
         lmp = f" (LAMMPS: {point.engine:.3g} s)" if math.isfinite(point.engine) else ""
         share = f", {100 * point.share:.0f} % of the Rayleigh time" if math.isfinite(point.share) else ""
         yield TEXTS("stable", p=point, lmp=lmp, share=share)
-        yield TEXTS("accurate", p=point, **_ACCURACIES)
+        yield TEXTS("accurate", p=point, first=ACCURACIES[0], second=ACCURACIES[1])
     traps = _frame(result.traps, TWIN)
     if len(traps):
         moved = traps["momentum"].max(skipna=False)

@@ -92,6 +92,19 @@ class Curve:
         return UNKNOWN if case.resolution.dt is None else case.expected * (10.0 if self.richardson else 1.0)
 
 
+#: settings of backends with adaptive steps, from cheap to expensive; in "both", atol (m and m/s) goes with rtol
+_RTOL = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+_ATOL = tuple(ATOL_PER_RTOL * value for value in _RTOL)
+ADAPTIVE_CURVES: Mapping[str, list[Curve]] = {
+    "scipy": [Curve(name="scipy", backend="scipy", knob="rtol", values=(1e-4, 1e-8, 1e-12))],
+    "ode45": [
+        Curve(name="ode45 (rtol alone)", backend="ode45", knob="rtol", values=_RTOL),
+        Curve(name="ode45 (atol alone)", backend="ode45", knob="atol", values=_ATOL, variant="atol alone"),
+        Curve(name="ode45 (both)", backend="ode45", knob="rtol", values=_RTOL, variant="both"),
+    ],
+}
+
+
 def curves(
     scene: Scene, sampling: Sampling, prescan: Prescan, engine: Engine | None, requested: Sequence[str] | None = None
 ) -> tuple[list[tuple[Curve, Backend]], list[str]]:
@@ -121,7 +134,7 @@ def steps(scene: Scene, sampling: Sampling, prescan: Prescan) -> tuple[float, ..
 def _of(chosen: Backend, dt: tuple[float, ...], scene: Scene) -> list[Curve]:
     name = chosen.name
     if chosen.order is None:
-        return [Curve(**item) for item in TEXTS.data["adaptive"].get(name, [{"name": name, "backend": name}])]
+        return ADAPTIVE_CURVES.get(name) or [Curve(name=name, backend=name)]
     finest = FINEST.get(name, HALVINGS if chosen.order <= 2 else FINEST_OF_HIGH_ORDER)
     by_step = Curve(name=name, backend=name, knob="dt", values=dt[:finest])
     sparse = replace(by_step, values=by_step.values[::2])

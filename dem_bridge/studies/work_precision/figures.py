@@ -73,7 +73,7 @@ def _panel(measured: Measured, observable: str, cost: str, title: str, label: st
         guide = Series(label="bar of the reference", style="guide", x=ends, y=np.full(2, bar))
         series.insert(1 if lines[0][2] else 0, guide)
     words = observable.replace("_", " ")
-    return TEXTS.panel("costs", series, title=title, label=label, observable=words)
+    return TEXTS.panel("costs", series, title=title, label=label, observable=words, log=True, tall=True)
 
 
 def _style(point: Point) -> str:
@@ -98,7 +98,7 @@ def _table_panels(measured: Measured) -> Iterator[Panel]:
             error = np.full(2, without.error("velocity"))
             series.append(Series(label="without tables, same step", style="guide", x=ends, y=error))
         if series:
-            yield TEXTS.panel("tables", series, title=title, label=label)
+            yield TEXTS.panel("tables", series, title=title, label=label, log=True)
 
 
 def front(cost: Sequence[float], error: Sequence[float]) -> list[int]:
@@ -118,6 +118,30 @@ def front(cost: Sequence[float], error: Sequence[float]) -> list[int]:
 
 
 SCHEMA = "dem-bridge/work-precision/1"
+#: columns of the files that are attributes of a point -> unit and meaning, as attributes of netCDF
+MEANINGS = {
+    "dt": {"units": "s", "long_name": "time step of the run"},
+    "steps": {"units": "1", "long_name": "time steps"},
+    "force_evaluations": {
+        "units": "1",
+        "long_name": "evaluations of all contact forces; for a Taylor series, the orders computed",
+    },
+    "wall_min": {"units": "s", "long_name": "smallest wall time of a run, from scene to trajectory"},
+    "wall_median": {"units": "s", "long_name": "median wall time of a run"},
+    "cpu_min": {"units": "s", "long_name": "smallest CPU time of a run, including the processes that it starts"},
+    "cpu_median": {"units": "s", "long_name": "median CPU time of a run"},
+    "repeats": {"units": "1", "long_name": "number of timed runs, after one that is not timed"},
+    "engine_loop": {"units": "s", "long_name": "time that LAMMPS reports for its steps, in the last run"},
+}
+VARIABLES = {
+    "error": {"units": "1", "long_name": "error against the reference, relative to the scale of the observable"},
+    "known": {
+        "long_name": "1: the error is above the uncertainty of the reference; 0: it is below, or there is no run"
+    },
+    "reference_uncertainty": {"units": "1", "long_name": "uncertainty of the reference, on the same scale"},
+    "norm": {"long_name": "norm over samples and bodies, or over contacts"},
+    "value": {"long_name": "value of the setting, SI"},
+}
 
 
 def as_frame(measured: Measured) -> DataFrame:
@@ -125,7 +149,7 @@ def as_frame(measured: Measured) -> DataFrame:
     from pandas import DataFrame
 
     columns = [
-        *("scene", "backend", "curve", "knob", "value", "settings", *TEXTS.data["columns"]),
+        *("scene", "backend", "curve", "knob", "value", "settings", *MEANINGS),
         *("observable", "norm", "error", "reference_uncertainty", "known", "reason"),
     ]
     rows = []
@@ -134,7 +158,7 @@ def as_frame(measured: Measured) -> DataFrame:
         # all that was asked for, in SI
         settings = json.dumps(curve.settings(point.value) | ({"order": "richardson"} if curve.richardson else {}))
         texts = (measured.scene.name, curve.backend, curve.name, curve.knob, point.value, settings)
-        numbers = [float(getattr(point, name)) for name in TEXTS.data["columns"]]
+        numbers = [float(getattr(point, name)) for name in MEANINGS]
         for (name, norm), bar in measured.uncertainty.items():
             above = "" if not point.ran else "yes" if measured.known(point, name, norm) else "no"
             rows.append((*texts, *numbers, name, norm, point.error(name, norm), bar, above, point.reason))
@@ -151,22 +175,22 @@ def as_netcdf(measured: Measured) -> bytes:
     """Return netCDF-4: dimensions run, observable, norm; units and meanings as attributes. Read it by ``xarray``."""
     import xarray as xr
 
-    frame, observables, meanings = as_frame(measured), measured.observables, TEXTS.data["variables"]
+    frame, observables = as_frame(measured), measured.observables
     grid = ("run", "observable", "norm")
     shape = (len(measured.points), len(observables), len(NORMS))
     runs = frame[:: shape[1] * shape[2]]
     bars = np.array(list(measured.uncertainty.values())).reshape(shape[1:])
     data: dict[str, Any] = {
-        "error": (grid, frame["error"].to_numpy(float).reshape(shape), meanings["error"]),
-        "known": (grid, (frame["known"] == "yes").to_numpy(np.int8).reshape(shape), meanings["known"]),
-        "reference_uncertainty": (grid[1:], bars, meanings["reference_uncertainty"]),
-        **{name: ("run", runs[name].to_numpy(float), meaning) for name, meaning in TEXTS.data["columns"].items()},
+        "error": (grid, frame["error"].to_numpy(float).reshape(shape), VARIABLES["error"]),
+        "known": (grid, (frame["known"] == "yes").to_numpy(np.int8).reshape(shape), VARIABLES["known"]),
+        "reference_uncertainty": (grid[1:], bars, VARIABLES["reference_uncertainty"]),
+        **{name: ("run", runs[name].to_numpy(float), meaning) for name, meaning in MEANINGS.items()},
     }
     scales = {"scale": json.dumps({name: OBSERVABLES[name].scale_name for name in observables})}
     coordinates: dict[str, Any] = {
         "observable": ("observable", list(observables), {"long_name": "observable"} | scales),
-        "norm": ("norm", list(NORMS), meanings["norm"]),
-        "value": ("run", runs["value"].to_numpy(float), meanings["value"]),
+        "norm": ("norm", list(NORMS), VARIABLES["norm"]),
+        "value": ("run", runs["value"].to_numpy(float), VARIABLES["value"]),
     }
     for name in ("backend", "curve", "knob", "settings", "reason"):
         coordinates[name] = ("run", runs[name].to_numpy(object))
