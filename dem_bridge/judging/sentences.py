@@ -246,12 +246,12 @@ def _advice(judgement: Judgement) -> Iterator[str]:
         yield TEXTS("see_more")
         return
     tolerance, fails = judgement.tolerance, judgement.outcome == Outcome.FAIL
-    yield TEXTS("reduce") if fails and judgement.cause == "none" else TEXTS.data["advice"][judgement.cause]
+    yield TEXTS("reduce") if fails and judgement.cause == "none" else TEXTS(judgement.cause, "advice")
     if judgement.cause == "none" and not fails and tolerance is None:
         yield from _step_advice(judgement)
     for fault in judgement.diagnosis.faults:
         if fault.cause != judgement.cause:
-            yield TEXTS.data["advice"][fault.cause]
+            yield TEXTS(fault.cause, "advice")
     if tolerance is not None and fails and not math.isnan(step := _step_for(judgement, tolerance)):
         step = min(step, next(iter(judgement.worst.values()))[0].record.dt or step)
         yield TEXTS("step_for_tolerance" if judgement.order else "step_by_method", dt=amount(step, "s", 2))

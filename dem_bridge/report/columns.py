@@ -60,9 +60,9 @@ class Column:
         return value if factor == 1.0 or not isinstance(value, Real) else factor * float(value)
 
 
-#: columns in their order; or the attribute of the items from which each is read ("scene.name") -> column. A name alone
-#: is a column without unit
-Columns = Sequence[str | Column] | Mapping[str, str | Column]
+#: columns in their order; or the attribute of the items from which each is read ("scene.name") -> column. What is no
+#: Column is the name of one without unit
+Columns = Sequence[object] | Mapping[str, object]
 
 
 def table_cells(columns: Columns, rows: Iterable[Any]) -> tuple[tuple[str, ...], tuple[tuple[Any, ...], ...]]:
@@ -72,7 +72,7 @@ def table_cells(columns: Columns, rows: Iterable[Any]) -> tuple[tuple[str, ...],
     (('value', 'part (%)'), ((1.0, 50.0),))
     """
     declared = columns.values() if isinstance(columns, Mapping) else columns
-    shown = [column if isinstance(column, Column) else Column(column) for column in declared]
+    shown = [column if isinstance(column, Column) else Column(str(column)) for column in declared]
     if isinstance(columns, Mapping):
         rows = ([_attribute(item, path) for path in columns] for item in rows)
     cells = (tuple(column.cell(value) for column, value in zip(shown, row, strict=True)) for row in rows)

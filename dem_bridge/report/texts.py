@@ -60,7 +60,7 @@ class Texts:
         file = resources.files(self.package) / "pages" / f"{self.name}.toml"
         return tomllib.loads(file.read_text(encoding="utf-8"))
 
-    def __call__(self, key: str, *, group: str = "sentences", **values: Any) -> str:
+    def __call__(self, key: str, group: str = "sentences", /, **values: Any) -> str:
         """Return a sentence, or another text of a group."""
         return fill(self.data[group][key], **values)
 
@@ -93,7 +93,7 @@ class Texts:
 
     def _made(self, kind: type[Made], group: str, key: str, values: Mapping[str, Any], **parts: Any) -> Made:
         """Return a panel, a figure or a verdict."""
-        own = {key: value for key, value in values.items() if key in kind.__dataclass_fields__}  # type: ignore[attr-defined]
+        own = {key: value for key, value in values.items() if key in kind.__dataclass_fields__}
         return kind(**(self._filled(group, key, values) | own | parts))
 
     def _filled(self, group: str, id: str, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any
 from dem_bridge.backends.steps import order_on
 from dem_bridge.lmp.known_defects import known_defects
 from dem_bridge.observables.verdict import Outcome, Verdict
-from dem_bridge.report.texts import Texts, fill
+from dem_bridge.report.texts import Texts
 from dem_bridge.verification.assess import Refinement, SceneStudy
 from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.checks import INDEPENDENT
@@ -82,7 +82,7 @@ def _sentences(study: SceneStudy, judged: Sequence[Verdict], outcome: Outcome) -
         yield TEXTS(key, outcome=outcome.value, **numbers)
         cause = _cause_of_error(study.budgets[0]) if study.budgets else ""
         if cause and not velocity.known_defect:  # the group of its verdicts names a defect
-            yield TEXTS("cause", cause=TEXTS.data["names"][cause])
+            yield TEXTS("cause", cause=TEXTS(cause, "names"))
         # no step mends a wrong law
         tried = () if cause == "implementation" else ACCURACIES
         steps = [(a, step) for a in tried if (step := largest_step(study, a)) is not None]
@@ -159,7 +159,7 @@ def _groups(study: SceneStudy, judged: Sequence[Verdict], accuracy: float) -> It
         why, write = _reason(study, id, name, verdicts, accuracy)
         sentence = TEXTS(
             "group" if len(verdicts) > 1 else "single",
-            count=len(verdicts), total=len(judged), word=TEXTS.data["outcomes"][outcome.value], why=why,
+            count=len(verdicts), total=len(judged), word=TEXTS(outcome.value, "outcomes"), why=why,
         )  # fmt: skip
         yield Group(cause=id, sentence=sentence, write=write, verdicts=tuple(verdicts))
 
@@ -194,4 +194,4 @@ def _reason(study: SceneStudy, id: str, name: str, verdicts: Sequence[Verdict], 
         defects = [defect for defect in known_defects() if defect.name in name.split(", ")]
         values["name"] = "; ".join(f"{d.name}: {d.symptom} ({d.size})" for d in defects)
         write = "; ".join(defect.instead for defect in defects)
-    return fill(TEXTS.data["why"][id], **values), write
+    return TEXTS(id, "why", **values), write

@@ -44,7 +44,7 @@ def scope(verification: Verification) -> tuple[tuple[str, str], ...]:
         "budgets": len(budgets),
         "unexplained": sum(budget.is_finding for budget in budgets),
     }
-    return tuple((TEXTS.data["headings"][part], TEXTS(part, **values)) for part in PARTS)
+    return tuple((TEXTS(part, "headings"), TEXTS(part, **values)) for part in PARTS)
 
 
 def _range(values: Sequence[float] | NDArray[np.float64]) -> str:

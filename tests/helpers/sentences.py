@@ -46,7 +46,7 @@ class Source:
         #: the package of a study of several modules; a module of a room stands alone
         self.folder = ".".join(name.split(".")[:3])
         self.pages = {
-            _name(node.targets[0]): call.args[0].value
+            _name(node.targets[0]): str(call.args[0].value)
             for node in self.tree.body
             if isinstance(node, ast.Assign)
             for call in ast.walk(node.value)
@@ -67,7 +67,7 @@ class Source:
             if isinstance(node, ast.keyword | ast.arg):
                 found.add(node.arg)
             elif isinstance(node, ast.Dict):
-                found |= {key.value for key in node.keys if isinstance(key, ast.Constant)}
+                found |= {str(key.value) for key in node.keys if isinstance(key, ast.Constant)}
             elif isinstance(node, ast.AnnAssign | ast.FunctionDef):
                 found.add(node.name if isinstance(node, ast.FunctionDef) else _name(node.target))
             elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
@@ -86,7 +86,10 @@ class Source:
                 )  # fmt: skip
                 if of in pages and method in KINDS:
                     where = f"{self.name}, line {node.lineno}"
-                    yield Call(where, pages[of], KINDS[method], _keys(node.args[0]), _values(node, function))
+                    kind = KINDS[method]
+                    if not method and len(node.args) > 1:
+                        kind = "".join(_keys(node.args[1]))
+                    yield Call(where, pages[of], kind, _keys(node.args[0]), _values(node, function))
 
 
 def _name(node: ast.AST) -> str:
@@ -98,7 +101,7 @@ def _keys(node: ast.AST) -> frozenset[str]:
     if isinstance(node, ast.IfExp):
         one, other = _keys(node.body), _keys(node.orelse)
         return one | other if one and other else frozenset()
-    return frozenset({node.value}) if isinstance(node, ast.Constant) else frozenset()
+    return frozenset({str(node.value)}) if isinstance(node, ast.Constant) else frozenset()
 
 
 def _values(call: ast.Call, function: ast.FunctionDef) -> frozenset[str] | None:
@@ -120,7 +123,7 @@ def _values(call: ast.Call, function: ast.FunctionDef) -> frozenset[str] | None:
         keys = [key for value in bound for key in value.keys]  # type: ignore[union-attr]
         if not all(isinstance(key, ast.Constant) for key in keys):
             return None
-        found |= {key.value for key in keys}  # type: ignore[union-attr]
+        found |= {str(key.value) for key in keys}
     return frozenset(found)
 
 

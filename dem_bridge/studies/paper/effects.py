@@ -157,7 +157,7 @@ def relative_changes(scene: Scene, base: Trajectory, changed: Trajectory) -> dic
 def _term(id: str) -> dict[str, str]:
     """Return the kind of a term of the budget, and what it changes in words."""
     kind = next(kind for kind, ids in TERMS.items() if id in ids)
-    return {"kind": kind, "what": PAPER(id, group="terms")}
+    return {"kind": kind, "what": PAPER(id, "terms")}
 
 
 def effect(id: str, scene: Scene, base: Trajectory, changed: Trajectory) -> Effect:

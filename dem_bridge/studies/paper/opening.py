@@ -111,7 +111,7 @@ def abstract(
 
 
 def _within(key: str, **values: Any) -> str:
-    return TEXTS(key, group="within", **values)
+    return TEXTS(key, "within", **values)
 
 
 def _errors(studies: Sequence[SceneStudy]) -> str:

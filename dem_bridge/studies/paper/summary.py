@@ -80,16 +80,16 @@ def _codes(studies: Sequence[SceneStudy]) -> str:
     everywhere = worst(False, REFERENCE, both)
     wrong = Counter(v.outcome for study in studies for v in study.verdicts)
     if math.isnan(error):
-        return PAPER("without_lammps", group="answer", everywhere=everywhere)
+        return PAPER("without_lammps", "answer", everywhere=everywhere)
     if failed := wrong[Outcome.FAIL] + wrong[Outcome.BROKEN]:
         broken = wrong[Outcome.BROKEN]
-        return PAPER("wrong", group="answer", count=wrong.total(), failed=failed - broken, broken=broken)
+        return PAPER("wrong", "answer", count=wrong.total(), failed=failed - broken, broken=broken)
     differences = {"error": error, "same": same, "two": two, "everywhere": everywhere, "both": len(both)}
-    return PAPER("codes", group="answer", count=len(studies), **differences)
+    return PAPER("codes", "answer", count=len(studies), **differences)
 
 
 def _count(claims: Sequence[Claim]) -> str:
-    return PAPER("count", group="answer", count=len(claims), parts=counted(claims))
+    return PAPER("count", "answer", count=len(claims), parts=counted(claims))
 
 
 def counted(claims: Sequence[Claim]) -> str:
@@ -103,12 +103,12 @@ def _theory(claims: Sequence[Claim]) -> str:
     by_id = {claim.id: claim for claim in claims}
     slow, fast = by_id.get("decelerates"), by_id.get("accelerates")
     if slow is None or fast is None or Outcome.NOT_RUN in (slow.outcome, fast.outcome):
-        return PAPER("without_reference", group="answer")
+        return PAPER("without_reference", "answer")
     away = [abs(v.value) for v in by_id["arrival-by-bca"].values if v.name.startswith("with T_0")]
     velocities = by_id["velocity-by-bca"].values
     return PAPER(
         "theory",
-        group="answer",
+        "answer",
         low=by(slow.values).value,
         high=by(fast.values).value,
         away=max(away, default=math.nan),
@@ -119,7 +119,7 @@ def _theory(claims: Sequence[Claim]) -> str:
 
 def _where_not(claims: Sequence[Claim]) -> str:
     groups = names_of_failures(claims)
-    return PAPER("where_not", group="answer", groups=groups) if groups else PAPER("all_hold", group="answer")
+    return PAPER("where_not", "answer", groups=groups) if groups else PAPER("all_hold", "answer")
 
 
 def failures(claims: Sequence[Claim]) -> tuple[tuple[Claim, str, str], ...]:
@@ -151,10 +151,10 @@ def _largest(effects: Sequence[Effect]) -> str:
     )
     supposed, numerics = largest(SUPPOSED), largest("lammps")
     if whole is None or model is None or law is None or supposed is None:
-        return PAPER("without_budget", group="answer")
+        return PAPER("without_budget", "answer")
     said = "LAMMPS was not run" if numerics is None else f"the numerical error of LAMMPS is {percent(numerics.largest)}"
     terms = {"whole": _named(whole), "model": _named(model), "supposed": _named(supposed)}
-    return PAPER("largest", group="answer", law=law.largest, numerics=said, **terms)
+    return PAPER("largest", "answer", law=law.largest, numerics=said, **terms)
 
 
 def _named(effect: Effect) -> str:
