@@ -43,7 +43,7 @@ def check(file: str, as_json: bool = False, folder: Path | None = None, **settin
         check_report_folder(folder)
     if "variables" in settings:
         settings["variables"] = dict(settings["variables"])
-    with terminal.bar() as progress:
+    with terminal.bar(label=f"check of {file}") as progress:
         answer = dem_bridge.check(file, progress=progress, announce=lambda cost: _announce(file, cost), **settings)
     if folder is not None:
         answer.save(folder)

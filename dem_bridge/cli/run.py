@@ -70,12 +70,12 @@ def run(
     """
     if backend is None and "accuracy" not in settings:
         raise click.UsageError("Missing option '--backend', or '--accuracy', for which the cheapest backend is chosen.")
-    if output is not None:
-        from dem_bridge.formats.writers import format_of
-
-        check_output(scene, output, force)
-        format_of(output)
     with terminal.fraction(f"{scene} by {backend or 'the cheapest backend'}"):
+        if output is not None:
+            from dem_bridge.formats.writers import format_of
+
+            check_output(scene, output, force)
+            format_of(output)
         result = dem_bridge.solve(scene, backend=backend, **settings)
     warn_of_engine(result)
     _warn_of_error(scene, result)

@@ -6,6 +6,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -58,7 +59,8 @@ class _StudyCommand(click.Command):
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the options, built from the study's function at the first call."""
         if not self.params:
-            function = study_named(str(self.name))
+            with nullcontext() if ctx.resilient_parsing else terminal.bar(label=f"study {self.name} is loaded"):
+                function = study_named(str(self.name))
             self.help, descriptions = documentation(function)
             self.params = [each.parameter() for each in declared_by(function, descriptions)]
         return super().get_params(ctx)

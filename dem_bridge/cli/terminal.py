@@ -155,8 +155,10 @@ def print_study(study: Study, verbose: bool = False) -> None:
 
 def _print_notes(study: Study, verbose: bool) -> None:
     """Print notes; without ``verbose`` only those on a store that keeps nothing: a second call takes as long."""
+    from dem_bridge.runs.store import StoreNote
+
     for note in study.notes:
-        if verbose or note.startswith("store: "):
+        if verbose or isinstance(note, StoreNote):
             _say(f"note: {note}")
 
 
@@ -323,6 +325,9 @@ def bar(as_json: bool = False, label: str = "") -> Iterator[Callable[[float, int
     if not sys.stderr.isatty():
         yield None
         return
+    # the import of rich takes a tenth of a second or two: words are shown before it
+    words = (label or "begins")[: shutil.get_terminal_size().columns - 1]
+    print(words, end="", file=sys.stderr, flush=True)
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -336,6 +341,7 @@ def bar(as_json: bool = False, label: str = "") -> Iterator[Callable[[float, int
         TimeRemainingColumn(),
         TextColumn("{task.description}", table_column=Column(no_wrap=True, overflow="ellipsis")),
     )
+    print(f"\r{' ' * len(words)}\r", end="", file=sys.stderr, flush=True)
     with Progress(*parts, console=Console(stderr=True), transient=True) as bars:
         task = bars.add_task(escape(label), total=1.0)
         bars.refresh()

@@ -1,0 +1,65 @@
+"""Whatever may last over two seconds shows what runs before it imports the packages that take the time."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+#: ends the process at the first progress, with the label and whether numpy or rich was imported before it
+BEGINS = """
+import sys
+from dem_bridge.cli import terminal
+from dem_bridge.cli.group import main
+
+def begins(as_json=False, label=""):
+    print(label, [name for name in ("numpy", "rich", "scipy") if name in sys.modules])
+    sys.stdout.flush()
+    raise SystemExit(77)
+
+terminal.bar = begins
+main(sys.argv[1:])
+"""
+#: as on a terminal, with the end of the process in place of the import of rich
+SHOWN = """
+import sys
+from dem_bridge.cli import terminal
+
+sys.modules["rich.console"] = None
+sys.stderr.isatty = lambda: True
+try:
+    with terminal.bar(label="a chain is solved"):
+        pass
+except ImportError:
+    pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "label"),
+    [
+        ("run tapered-backward --accuracy 1e-5 -o run.csv", "tapered-backward by the cheapest backend"),
+        ("verify tapered-backward", "the steps of the runs are chosen"),
+        ("judge a.csv --scene tapered-backward", "the reference solution of tapered-backward, and fits to a.csv"),
+        ("plan tapered-backward --accuracy 1e-5", "tapered-backward: the cheapest settings for 1e-05"),
+        ("check in.chain", "check of in.chain"),
+        ("study order tapered-backward", "study order is loaded"),
+        ("compare a.csv b.nc", "a.csv and b.nc are compared"),
+        ("convert a.nc -o b.csv", "a.nc is converted"),
+        ("show tapered-backward", "tapered-backward is solved for the drawing"),
+        ("export tapered-backward --table observables", "table observables of tapered-backward"),
+        ("regress", "the baselines are read"),
+    ],
+)
+def test_a_command_says_what_runs_before_it_imports_numpy(words: str, label: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", BEGINS, *words.split()], capture_output=True, text=True, cwd=tmp_path, timeout=60
+    )
+    assert (done.returncode, done.stdout) == (77, f"{label} []\n"), done.stderr
+
+
+def test_the_label_is_shown_before_rich_is_imported() -> None:
+    done = subprocess.run([sys.executable, "-c", SHOWN], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "a chain is solved")
