@@ -30,8 +30,6 @@ WIDTH = 80
 _WHOLE_WORDS: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
 #: largest number of scenes whose answers are printed one by one
 _MOST_SCENES = 10
-#: first words of the sentences on checks that were not run
-_NOT_RUN = "Not run:"
 #: rows of all tables together that are printed on a terminal
 _MOST_ROWS = 100
 #: what a first Ctrl-C prints
@@ -168,29 +166,25 @@ def print_verification(verification: Verification, verbose: bool = False) -> Non
     Of more than ten scenes those that pass are counted, and the answer on all of them follows. ``verbose``: as for
     studies, tables and notes, and a line for each verdict that does not pass.
     """
-    from dem_bridge.verification.banner import banner_of
+    from dem_bridge.verification.banner import banner_of, reasons_not_run
 
     if verbose:
         _print_tables(verification.tables)
     _print_notes(verification, verbose)
     for line in _not_passed(verification.verdicts) if verbose else ():
         _say(line)
-    reasons: dict[str, int] = {}
     banners = [banner_of(study, verification.accuracy) for study in verification.studies]
     several = len(banners) > _MOST_SCENES
     for banner in banners:
-        for sentence in (text for text in banner.sentences if text.startswith(_NOT_RUN)):
-            reasons[sentence] = reasons.get(sentence, 0) + 1
         if several and banner.outcome.value == "PASS":
             continue
-        said = [sentence for sentence in banner.sentences if not sentence.startswith(_NOT_RUN)]
-        _say(f"{banner.scene}: {' '.join(said)}")
+        _say(f"{banner.scene}: {' '.join(banner.sentences)}")
         for group in banner.groups:
             _say(f"  {group.sentence}{f' Write: {group.write}' if group.write else ''}")
     for sentence in verification.answer if several else ():
         _say(f"* {sentence}")
-    for sentence, count in reasons.items():
-        _say(f"{sentence}{f' ({count} scenes)' if count > 1 else ''}")
+    for sentence in reasons_not_run(verification.studies):
+        _say(sentence)
     _print_counts(verification)
 
 

@@ -70,6 +70,10 @@ def _limit() -> int:
     return int(limit)
 
 
+class StoreNote(str):
+    """A note that a store keeps nothing, so that a second call takes as long as the first."""
+
+
 class Store:
     """A folder of entries; several processes may use one folder.
 
@@ -237,7 +241,7 @@ class Store:
         self._say(f"nothing is stored: {error}")
 
     def _say(self, text: str) -> None:
-        self.trouble = self.trouble or f"store: {' '.join(text.split())}"
+        self.trouble = self.trouble or StoreNote(f"store: {' '.join(text.split())}")
 
 
 def _packed(details: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:

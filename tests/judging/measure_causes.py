@@ -40,7 +40,9 @@ class Answer:
     effect: float
     truth: tuple[str, ...]
     also: tuple[str, ...]
+    parts: tuple[tuple[str, ...], ...]
     cause: str
+    faults: tuple[str, ...]
     alternatives: tuple[str, ...]
     where: str
     place: int | None
@@ -50,8 +52,17 @@ class Answer:
 
     @property
     def grade(self) -> str:
-        """in the set, defensible, unknown, or wrong; of right files and small effects "none" is no mistake."""
-        if self.cause in self.truth:
+        """in the set, defensible, unknown, or wrong; of right files and small effects "none" is no mistake.
+
+        Of two faults at once: both named, one named (defensible if the other is below 50 floors), unknown, or wrong.
+        """
+        if self.parts and self.cause not in ("none", "unknown", "broken"):
+            first, second = self.parts
+            if len(self.faults) == 2 and any(a in first and b in second for a, b in (self.faults, self.faults[::-1])):
+                return "both named"
+            single = "one named" if self.cause in first or self.cause in second else "wrong"
+            return "defensible" if self.cause in self.also else single
+        if self.cause in self.truth and not self.parts:
             return "in the set"
         if self.cause in self.also:
             return "defensible"
@@ -87,8 +98,8 @@ def own_record(case: Case) -> Record:
     )
 
 
-def judge(case: Case, folder: Path, by: str) -> tuple[str, tuple[str, ...], str, str, float]:
-    """Return cause, alternatives, where and evidence of a case, and the seconds that the judge took."""
+def judge(case: Case, folder: Path, by: str) -> dict[str, Any]:
+    """Return what the judge answers to a case, and the seconds that it took."""
     path, scene, dt = case.write(folder)
     loaded, record = db.load_scene(scene), own_record(case)
     began = time.perf_counter()
@@ -98,9 +109,13 @@ def judge(case: Case, folder: Path, by: str) -> tuple[str, tuple[str, ...], str,
         package: Any = db
         answer = dict(package.judge([str(path) if dt is None else f"{path}@{dt!r}"], loaded))
     seconds = time.perf_counter() - began
-    cause, where, evidence = (str(answer[key] or "") for key in ("cause", "where", "evidence"))
-    names = answer["alternatives" if by == "diagnose" else "alternative_causes"]
-    return cause, tuple(names), where, evidence, seconds
+    faults = [asdict(fault) if by == "diagnose" else fault for fault in answer["faults"]]
+    return {
+        **{key: str(answer[key] or "") for key in ("cause", "where", "evidence")},
+        "alternatives": tuple(answer["alternatives" if by == "diagnose" else "alternative_causes"]),
+        "faults": tuple(fault["cause"] for fault in faults),
+        "seconds": seconds,
+    }
 
 
 Task = tuple[int, str | None, str | None, str]
@@ -112,10 +127,10 @@ def answer(task: Task) -> Answer:
     case = draw(seed, kind=kind, fault=fault)
     with tempfile.TemporaryDirectory() as folder:
         try:
-            cause, alternatives, where, evidence, seconds = judge(case, Path(folder), by)
+            found = judge(case, Path(folder), by)
         except Exception:
-            cause, alternatives, where, seconds = "broken", (), "", 0.0
-            evidence = traceback.format_exc(limit=-3)
+            found = {"cause": "broken", "alternatives": (), "faults": (), "where": "", "seconds": 0.0}
+            found["evidence"] = traceback.format_exc(limit=-3)
     planted = case.planted
     return Answer(
         seed=seed,
@@ -124,13 +139,10 @@ def answer(task: Task) -> Answer:
         effect=planted.effect,
         truth=tuple(sorted(planted.truth)),
         also=tuple(sorted(planted.also)),
-        cause=cause,
-        alternatives=alternatives,
-        where=where,
+        parts=tuple(tuple(sorted(part)) for part in planted.parts),
         place=planted.where,
-        evidence=evidence,
-        seconds=seconds,
         case=str(case),
+        **found,
     )
 
 
@@ -159,7 +171,8 @@ def table(rows: list[Answer]) -> str:
         f"effect below {LEAST:g} floors", [row for row in rows if row.kind != "none" and row.effect < LEAST]
     )
     others = [row for row in rows if row.kind in ("pair", "outside") and row.effect >= LEAST]
-    lines += _count("two faults, and faults outside of the list", others)
+    for kind, title in {"pair": "two faults at once", "outside": "faults outside of the list"}.items():
+        lines += _count(title, [row for row in others if row.kind == kind])
     places = [row.place_is_right for row in large if row.place_is_right is not None]
     lines += [f"body or contact named: {sum(places)} of {len(places)}"]
     missing = [row for row in large if row.grade == "in the set" and not {row.cause, *row.alternatives} & {row.fault}]
@@ -172,7 +185,7 @@ def table(rows: list[Answer]) -> str:
     width = max(map(len, confusion), default=0)
     for fault, causes in sorted(confusion.items()):
         lines.append(f"{fault:{width}}  " + ", ".join(f"{cause} {count}" for cause, count in causes.most_common()))
-    for grade in ("broken", "wrong", "defensible", "unknown"):
+    for grade in ("broken", "wrong", "one named", "defensible", "unknown"):
         listed = [
             row for row in rows if row.grade == grade and (grade != "unknown" or row in large or row.kind == "none")
         ]

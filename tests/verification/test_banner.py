@@ -14,7 +14,7 @@ from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.banner import banner_of, largest_step
+from dem_bridge.verification.banner import banner_of, largest_step, reasons_not_run
 from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.reference import REFERENCE
 from dem_bridge.verification.roles import TWIN, assign_roles
@@ -118,5 +118,31 @@ def test_a_broken_run_and_what_cannot_be_decided_are_told_apart() -> None:
 def test_every_reason_why_nothing_was_run_is_said_once() -> None:
     reason = _verdict(outcome=Outcome.NOT_RUN, sentence="no second solution.", backend="scipy", difference=float("nan"))
     banner = banner_of(_study(_verdict(), reason, replace(reason, quantity="order")), 5e-6)
-    assert banner.sentences[3:] == ("Not run: no second solution.",)
+    assert (len(banner.sentences), banner.not_run) == (3, ("Not run: no second solution.",))
     assert banner_of(_study(reason), 5e-6).sentences[0] == "NOT_RUN: no check could be made."
+
+
+def test_a_backend_that_supports_none_of_several_scenes_has_one_sentence() -> None:
+    names = ("one", "two", "three")
+    bca = [
+        _verdict(
+            scene=name, backend="bca", reference="", outcome=Outcome.NOT_RUN, sentence=f"bca on {name}: it has {name}."
+        )
+        for name in names
+    ]
+    scipy = [
+        _verdict(
+            scene=name,
+            backend="scipy",
+            reference="",
+            outcome=Outcome.NOT_RUN,
+            sentence=f"reference on {name} is scipy.",
+        )
+        for name in names[:2]
+    ]
+    assert reasons_not_run([_study(bca[0], scipy[0]), _study(bca[1], scipy[1]), _study(bca[2])]) == (
+        "Not run: bca on 3 scenes, because binary collisions describe a single pulse into a free chain of touching"
+        " bodies at rest (-v prints what each scene has).",
+        "Not run: reference on 2 scenes is scipy.",
+    )
+    assert reasons_not_run([_study(bca[0])]) == ("Not run: bca on one: it has one.",)

@@ -33,7 +33,7 @@ GUIDE = 1.08
 #: of a column's largest power: less is dark
 _DARK = 0.02
 _AWAY = "deviation from reference (%)"
-_POWER = "power / largest of its column (1)"
+_POWER = "power / largest of its column"
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +228,7 @@ def speed_ratios(title: str, ratios: Ratios, backends: Sequence[str] = EVERY) ->
     return Panel(
         title=title,
         x_label="gamma (1/cylinder)",
-        y_label="V_out / V_in (1)",
+        y_label="V_out / V_in",
         series=tuple(
             _series(name, gammas, np.array([ratio.get(name, np.nan) for _, ratio in ratios]))
             for name in backends

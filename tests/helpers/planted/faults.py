@@ -68,6 +68,8 @@ class Planted:
     """Causes that are true, by the list of faults that no trajectory can tell apart."""
     also: frozenset[str] = frozenset()
     """Further causes that may explain the file to its floor, so that to name them is not wrong."""
+    parts: tuple[frozenset[str], ...] = ()
+    """Of two faults at once: the causes that are true for each."""
     where: int | None = None
     """Body or contact of the fault."""
     effect: float
@@ -83,6 +85,7 @@ class Change:
     chain: Chain
     truth: frozenset[str]
     also: frozenset[str] = frozenset()
+    parts: tuple[frozenset[str], ...] = ()
     where: int | None = None
     method: str | None = None
     velocity: str = "same"
@@ -188,6 +191,7 @@ def plant(chain: Chain, fault: str, setting: Setting, size: float, rng: np.rando
         truth=change.truth,
         # an adaptive code of an unknown tolerance errs by 1e-8 of the largest value
         also=change.also | ({"none"} if relative < 1e-8 and not setting.dt_stated else frozenset()),
+        parts=change.parts,
         where=change.where,
         effect=effect,
         floor=floor,
@@ -522,6 +526,7 @@ def both(first: str, second: str) -> Callable[[Chain, Setting, float, np.random.
             b,
             truth=frozenset({"unknown"}),
             also=frozenset(),
+            parts=(a.truth | a.also, b.truth | b.also),
             where=None,
             method=a.method or b.method,
             velocity=a.velocity if a.velocity != "same" else b.velocity,
