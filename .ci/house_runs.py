@@ -38,7 +38,7 @@ OF_STABILITY = {
     "Scenes built": r".*:Scene\.__post_init__",
     "trajectories built": r".*:Trajectory\.__post_init__",
     "solves by the twin": r".*splitting:(solve|solve_motion)",
-    "runs of LAMMPS": r".*:(solve_lammps|_Lammps\.run|Lammps\w*\.run)",
+    "runs of LAMMPS": r".*:(solve_lammps|_Lammps\.run|Lammps\w*\.run|Granular\.motion)",
 }
 
 

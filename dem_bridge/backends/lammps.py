@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -99,8 +99,6 @@ class LammpsGranular:
         steps, values = dumps[0] if len(dumps) == 1 else (np.concatenate(part) for part in zip(*dumps, strict=True))
         checked_values(deck, steps, values)
         dense = dense_of(scene, deck, steps, values)
-        settings = {"dt": plan.step, "samples": plan.samples, "surrogate_radius": deck.surrogate_radius}
-        run = read_off(self, scene, plan, dense, settings, watch=watch, evaluations=plan.steps + 1)
         provenance: dict[str, Any] = {
             "lammps": engine_certificate(self.engine, report, scene, deck),
             "engine_wall": report.wall,
@@ -120,9 +118,17 @@ class LammpsGranular:
                 "predicted_energy_error": predicted_energy_error(written.tables),
                 **measured(scene, written.tables, dense, plan, {step: pe for step, (pe, _) in report.energies.items()}),
             }
-        # the engine's own share of the processor, and not only ours
-        cost = replace(run.cost, cpu=run.cost.cpu + report.cpu)
-        return replace(run, cost=cost, provenance={**run.provenance, **provenance})
+        return read_off(
+            self,
+            scene,
+            plan,
+            dense,
+            {"dt": plan.step, "samples": plan.samples, "surrogate_radius": deck.surrogate_radius},
+            watch=watch,
+            evaluations=plan.steps + 1,
+            provenance=provenance,
+            child_cpu=report.cpu,
+        )
 
     def deck(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Deck:
         """Return the deck that :meth:`run` runs."""

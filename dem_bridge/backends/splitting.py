@@ -18,7 +18,7 @@ from dem_bridge.backends.driven import Driven, driven_of, driving_force
 from dem_bridge.backends.fused import PADDING, advance
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.steps import Dense, check_finite, read_off, touching_in_flight
-from dem_bridge.foundation.compiled import Floats, Ints, interruptible, kernel
+from dem_bridge.foundation.compiled import Floats, Ints, Kernel, interruptible, kernel
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.lmp.cell import pair_force
 from dem_bridge.scene import features
@@ -63,6 +63,8 @@ class Tables(NamedTuple):
 EXACT = Tables(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 0)), np.zeros((0, 0)))
 
 
+#: steps times bodies of a run that ends within a few ms, before anybody misses Ctrl-C
+_SHORT = 1_000_000
 #: what the fast kernel can do
 FUSED = Support(
     {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
@@ -178,7 +180,9 @@ def _march(
         reach, start = along(distance), bodies(places)
         # the walls' own: where there is none nothing is pressed
         start[0], start[n + 1 :] = (np.sum(wall[side]) for side in (c.left == n, c.right == n))
-    kept, top, farthest, where, sides = interruptible(
+    # a thread takes 0.1 ms to start, as long as the solves of a search take
+    call = interruptible if plan.steps * n > _SHORT else Kernel.__call__
+    kept, top, farthest, where, sides = call(
         advance,
         n,
         first,

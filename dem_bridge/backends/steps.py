@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -129,11 +130,13 @@ def read_off(
     watch: Stopwatch,
     evaluations: int,
     peaks: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+    provenance: Mapping[str, Any] = MappingProxyType({}),
+    child_cpu: float = 0.0,
 ) -> Trajectory:
     """Return the trajectory of a run of ``code``, which began with ``watch``; ``dense`` may be the samples alone.
 
-    ``peaks``: peak forces and crossing times; None: read off the dense samples. Raises RunBroken where velocities are
-    not finite.
+    ``peaks``: peak forces and crossing times; None: read off the dense samples. ``provenance``: more than all codes
+    have; ``child_cpu``: CPU time of a child process, s. Raises RunBroken where velocities are not finite.
     """
     check_finite(code, scene, plan, dense.velocity)
     peak_force, crossing = peaks or peaks_and_crossings(scene, plan, dense)
@@ -145,6 +148,6 @@ def read_off(
         contact_force=dense.force[keep],
         peak_force=peak_force,
         crossing_time=crossing,
-        cost=Cost.since(watch, steps=plan.steps, force_evaluations=evaluations),
-        provenance=run_provenance(code, scene, settings),
+        cost=Cost.since(watch, steps=plan.steps, force_evaluations=evaluations, child_cpu=child_cpu),
+        provenance={**run_provenance(code, scene, settings), **provenance},
     )

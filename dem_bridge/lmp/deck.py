@@ -25,6 +25,7 @@ from dem_bridge.lmp.driving import drive_file, drive_variables
 from dem_bridge.lmp.encoding import body_types
 from dem_bridge.lmp.pairing import TableSet, granular, tabled
 from dem_bridge.physics.contact import Floats
+from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.version import FORM_DATE, __version__
@@ -94,12 +95,14 @@ class Deck:
 class _Line:
     """Everything that the lines of a deck are written from, for the arguments of :func:`deck_of`."""
 
-    def __init__(self, scene: Scene, radius: float, tables: TableSet | None, travel: float, types: str) -> None:
+    def __init__(
+        self, scene: Scene, radius: float, tables: TableSet | None, travel: float, types: str, contacts: Contacts
+    ) -> None:
         self.scene, self.radius = scene, radius
         self.laws = laws(scene)
         self.pairing = granular(self.laws, radius) if tables is None else tabled(self.laws, radius, tables, scene.name)
         self.walls = (int(scene.wall_left is not None), int(scene.wall_right is not None))
-        self.place = positions(scene, radius)
+        self.place = positions(scene, radius, contacts)
         #: mass of each atom, kg; a wall has that of its neighbour, or is so heavy that the effective mass is the body's
         self.mass = np.pad(np.array(scene.mass), self.walls, mode="edge")
         if self.laws.damping in BY_EFFECTIVE_MASS:
@@ -136,6 +139,7 @@ def deck_of(
     travel: float = 0.0,
     types: str = "euler",
     floor: float | None = None,
+    contacts: Contacts | None = None,
 ) -> Deck:
     """Return the deck of a scene for ``pair_style granular``, or for ``pair_style table`` with its ``tables``.
 
@@ -155,6 +159,8 @@ def deck_of(
         "euler" uses as few atom types as possible.
     floor : float, optional
         Round-off that the radius causes, relative to the largest velocity, if it is the radius of the scene's bodies.
+    contacts : Contacts, optional
+        Those of the scene with other gaps, for a search. None: the scene's own.
 
     Raises
     ------
@@ -164,7 +170,7 @@ def deck_of(
     reason = (GRANULAR_STYLE if tables is None else TABLE_STYLE).unsupported_reason(scene)
     if reason:
         raise ValueError(reason)
-    line = _Line(scene, radius, tables, travel, types)
+    line = _Line(scene, radius, tables, travel, types, contacts or scene.contacts)
     files = {f"in.{scene.name}": _input(line, schedule, floor), f"data.{scene.name}": _lines(*_data(line))}
     files |= line.pairing.files
     if len(line.masses) > MOST_SETS:
@@ -185,12 +191,15 @@ def deck_of(
     )
 
 
-def positions(scene: Scene, radius: float) -> Floats:
-    """Return the centres along x of bodies of ``radius`` (m), walls included, with body 0 at 0."""
+def positions(scene: Scene, radius: float, contacts: Contacts | None = None) -> Floats:
+    """Return the centres along x of bodies of ``radius`` (m), walls included, with body 0 at 0.
+
+    ``contacts``: those of the scene with other gaps; None: its own.
+    """
     first = int(scene.wall_left is not None)
     # sums in two doubles, without round-off
     high, low, sums = 0.0, 0.0, [(0.0, 0.0)]
-    for gap in scene.contacts.gap[line_order(scene)].tolist():
+    for gap in (contacts or scene.contacts).gap[line_order(scene)].tolist():
         total = math.fsum((high, low, gap))
         high, low = total, math.fsum((high, low, gap, -total))
         sums.append((high, low))

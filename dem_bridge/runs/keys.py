@@ -67,12 +67,13 @@ def run_key(
     return _key("run" if uncertainty else _WITHOUT, [scene], engine, code, parts)
 
 
-def study_key(question: str, scenes: Sequence[Scene], **settings: object) -> str | None:
+def study_key(question: str, scenes: Sequence[Scene], engine: Engine | None = None, **settings: object) -> str | None:
     """Return the key of the arrays that a study computed for ``scenes``, None if they cannot be stored.
 
-    ``settings``: everything else that determines them, JSON-able. The code of the studies is part of the key.
+    ``engine``: the LAMMPS that it ran, if any; ``settings``: everything else that determines the arrays, JSON-able. The
+    code of the studies is part of the key.
     """
-    return _key(question, scenes, None, code_of_studies(), settings)
+    return _key(question, scenes, engine, code_of_studies(), settings)
 
 
 def _key(

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scene_prescan import prescan_scene
+from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.keys import study_key
 from dem_bridge.runs.store import Store
@@ -35,6 +36,7 @@ def recall(
     *,
     kinds: Sequence[type] = (),
     scenes: Sequence[Scene] = (),
+    engine: Engine | None = None,
     **settings: object,
 ) -> Value:
     """Return ``compute()``, from the store if it was computed before by the same code from the same runs.
@@ -53,6 +55,8 @@ def recall(
         All dataclasses and enumerations that the value and its parts may be.
     scenes : sequence of Scene
         Scenes that are read, with their names, descriptions and geometry.
+    engine : Engine, optional
+        The LAMMPS that ``compute`` runs; one that has no key (:mod:`.keys`) has the value always computed.
     **settings
         Everything else that the value depends on, as JSON. The code of the package is always part of the key, except
         that of the report and of the command line. An observable that another program has registered has code that is
@@ -69,7 +73,8 @@ def recall(
         return compute()
     shown = [(scene.name, scene.description, repr(scene.geometry)) for scene in scenes]
     registered = [(item.name, item.definition, item.unit, item.axis, item.scale.name) for item in OBSERVABLES.values()]
-    key = study_key(question, scenes, keys=list(keys), shown=shown, observables=registered, settings=settings)
+    parts = {"keys": list(keys), "shown": shown, "observables": registered, "settings": settings}
+    key = study_key(question, scenes, engine, **parts)
     if key is None:
         return compute()
     declared = {_name(kind): kind for kind in kinds}

@@ -62,9 +62,9 @@ class Cost:
     force_evaluations: int
 
     @classmethod
-    def since(cls, watch: Stopwatch, *, steps: int, force_evaluations: int) -> Cost:
-        """Return the cost of a run that began with ``watch``."""
-        return cls(wall=watch.wall, cpu=watch.cpu, steps=steps, force_evaluations=force_evaluations)
+    def since(cls, watch: Stopwatch, *, steps: int, force_evaluations: int, child_cpu: float = 0.0) -> Cost:
+        """Return the cost of a run that began with ``watch``; ``child_cpu``: CPU time of a child process, s."""
+        return cls(wall=watch.wall, cpu=watch.cpu + child_cpu, steps=steps, force_evaluations=force_evaluations)
 
 
 #: the cost of a result for which nothing was computed

@@ -22,6 +22,7 @@ from dem_bridge.observables.interpolate import (
     root_between,
     spacing,
     state_at,
+    with_wall,
 )
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.features import DRAG, FEATURES, Feature
@@ -209,3 +210,8 @@ def test_a_force_that_observables_do_not_know_is_named(monkeypatch: pytest.Monke
     monkeypatch.setattr("dem_bridge.observables.interpolate.KNOWN_FORCES", without_drag)
     with pytest.raises(UnsupportedScene, match=r"energies in pair cannot be computed: .*drag"):
         require_known_forces(scene, "energies")
+
+
+def test_walls_are_at_rest_beside_the_bodies() -> None:
+    motion = np.arange(6.0).reshape(3, 2) + 1.0
+    assert with_wall(motion).tolist() == [[1.0, 2.0, 0.0], [3.0, 4.0, 0.0], [5.0, 6.0, 0.0]]

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from dem_bridge.backends.base import Resolution, Sampling, backend
+from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.backends.lammps_motion import Granular
 from dem_bridge.backends.reference import Reference
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.surrogate_radius import surrogate_radius
-from dem_bridge.errors import BackendUnavailable, RunBroken
+from dem_bridge.backends.twin import solve_motion
+from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
-from dem_bridge.lmp.engine import Engine
-from dem_bridge.lmp.process import require
 from dem_bridge.observables.conserved import momentum
 from dem_bridge.observables.modes import highest_frequencies
 from dem_bridge.physics.exact import two_body_collision
@@ -26,10 +26,8 @@ from dem_bridge.scene.file import parse_scene
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import rayleigh_time_of
 from dem_bridge.studies.stability import step_limits
-from dem_bridge.studies.stability.step_limits import Limit, Stepper, energies, stable_step, twin
-from dem_bridge.trajectory.dense import Schedule
+from dem_bridge.studies.stability.step_limits import Limit, Stepper, energies, stable_step
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
-from dem_bridge.verification.roles import GRANULAR, TWIN
 
 TEXTS = Texts("stability", "dem_bridge.studies")
 #: scene of the family of contact angles: crossed quartz cylinders, struck by a sphere
@@ -94,6 +92,8 @@ class Measured:
     """m: largest overlap of the prescan."""
     scale: float
     """J: the most that is in motion."""
+    gains: dict[tuple[float, float], float] = field(default_factory=dict)
+    """Growth of the energy of the twin's runs by step (s) and phase, as far as it is known."""
 
 
 def families(points: int) -> tuple[Family, ...]:
@@ -143,7 +143,8 @@ def measured(scene: Scene) -> Measured:
 
 def stable_at(result: Measured, allowed: float) -> tuple[Limit, float]:
     """Return the twin's largest stable step and the phase that decides; ``allowed``: growth of the energy."""
-    return stable_step(twin, result.scene, start=3.0 / result.mode, scale=result.scale, allowed=allowed)
+    search: dict[str, Any] = {"start": 3.0 / result.mode, "scale": result.scale, "gains": result.gains}
+    return stable_step(solve_motion, result.scene, allowed=allowed, **search)
 
 
 def point_of(
@@ -156,10 +157,10 @@ def point_of(
     limit, phase = stable_at(result, allowed)
     stable, pair, mode, of_engine = limit.good, result.pair, result.mode, math.nan
     if engine is not None:
-        search = {"start": limit.bad, "scale": result.scale, "ratio": CLOSE, "guard": BESIDE}
+        search: dict[str, Any] = {"start": limit.bad, "scale": result.scale, "ratio": CLOSE, "guard": BESIDE}
         of_engine = stable_step(engine, result.scene, allowed=allowed, phases=(phase,), **search)[0].good
     coarse, fine = (
-        step_limits.accurate_step(twin, result.scene, result.truth, stable=stable, accuracy=accuracy).good
+        step_limits.accurate_step(solve_motion, result.scene, result.truth, stable=stable, accuracy=accuracy).good
         for accuracy in ACCURACIES
     )
     rayleigh = rayleigh_time_of(result.scene) or math.nan
@@ -187,17 +188,11 @@ def point_of(
     }
 
 
-def engine_on(result: Measured, engine: Engine | None) -> Stepper | None:
+def engine_on(result: Measured, lammps: Granular) -> Stepper | None:
     """Return LAMMPS on a scene; None where ``pair_style granular`` cannot express it."""
     if not GRANULAR_STYLE.covers(result.scene):
         return None
-    chosen, radius = backend(GRANULAR, engine), ROOM * surrogate_radius(result.deepest)
-
-    def run(scene: Scene, plan: Schedule, wider: float) -> Trajectory:
-        resolution = Resolution(dt=plan.step, surrogate_radius=radius)
-        return chosen.run(step_limits.scene_on(scene, plan, wider), resolution, Sampling(count=plan.samples))
-
-    return run
+    return partial(lammps.motion, radius=ROOM * surrogate_radius(result.deepest))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,7 +218,7 @@ def trap_of(result: Measured, stepper: Stepper, backend: str, dt: float) -> Trap
     """Compare a run at ``dt`` (s) with the reference; all numbers are inf where it breaks."""
     scene, truth = result.scene, result.truth
     try:
-        run = stepper(scene, step_limits.steps_of(scene, dt), 0.0)
+        run = stepper(scene, step_limits.steps_of(scene, dt), scene.contacts)
     except RunBroken:
         return Trap(backend=backend, dt=dt)
     # the end of the scene need not fall on a step
@@ -252,64 +247,5 @@ def gain_map(pair: Measured, steps: Floats, phases: Floats) -> Floats:
 
     It is the same for all masses, speeds and stiffnesses, because two Hertzian bodies have no scale.
     """
-    gain = partial(step_limits.gain_of, twin, pair.scene, scale=pair.scale)
+    gain = partial(step_limits.gain_of, solve_motion, pair.scene, scale=pair.scale)
     return np.array([[gain(x / pair.pair, phase) for x in steps] for phase in phases.tolist()])
-
-
-@dataclass(kw_only=True)
-class Results:
-    """Results so far; an interrupted study has those that were finished."""
-
-    points: list[dict[str, Any]] = field(default_factory=list)
-    """Results of :func:`point_of`."""
-    thresholds: list[dict[str, Any]] = field(default_factory=list)
-    """Limits by scene and permissible ``share`` of growth of the energy, in units of 1/omega of the highest mode."""
-    gains: Floats | None = None
-    """``(n_phase, n_step)`` of two bodies."""
-    traps: list[Trap] = field(default_factory=list)
-    curve: list[Trap] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    interrupted: bool = False
-
-
-def measure(
-    scene: Scene, chosen: Sequence[Family], result: Results, gain: float, engine: Engine | None
-) -> Iterator[str]:
-    """Measure all of it into ``result``; yield the name of each part before it is measured."""
-    yield "LAMMPS"
-    try:
-        require(Engine.chosen() if engine is None else engine, "pair granular")
-        has_engine = True
-    except BackendUnavailable as error:
-        has_engine = False
-        result.notes.append(f"LAMMPS was not run: {error}.")
-    for family in chosen:
-        some = {0, len(family.values) // 2, len(family.values) - 1}
-        for i, value in enumerate(family.values.tolist()):
-            yield f"{family.id} = {value:.3g}"
-            item = measured(family.scene_at(value))
-            lmp = engine_on(item, engine) if has_engine and i in some else None
-            result.points.append(point_of(item, family=family.id, value=value, allowed=gain, engine=lmp))
-    yield scene.name
-    whole = measured(scene)
-    lmp = engine_on(whole, engine) if has_engine else None
-    if has_engine and lmp is None:
-        result.notes.append(f"LAMMPS was not run on {scene.name}: {GRANULAR_STYLE.unsupported_reason(scene)}.")
-    point = point_of(whole, allowed=gain, engine=lmp)
-    result.points.append(point)
-    yield "thresholds"
-    pair = measured(chain("two-equal", (MASS, MASS), (STIFFNESS,)))
-    row = measured(chain("five-equal", (MASS,) * 5, (STIFFNESS,) * 4))
-    for item in (pair, row, whole):
-        for share in GAINS:
-            stable, _ = stable_at(item, share)
-            limits = {"omega_dt": item.mode * stable.good, "window": item.mode * stable.window}
-            result.thresholds.append({"scene": item.scene.name, "share": share} | limits)
-    result.gains = gain_map(pair, STEPS, PHASES)
-    yield "trap"
-    limit = point["stable"]
-    result.curve = [trap_of(whole, twin, TWIN, float(limit / share)) for share in CURVE]
-    for dt in (float(f"{limit / share:.0e}") for share in SHARES):
-        result.traps.append(trap_of(whole, twin, TWIN, dt))
-        if lmp is not None:
-            result.traps.append(trap_of(whole, lmp, GRANULAR, dt))

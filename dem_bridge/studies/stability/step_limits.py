@@ -15,22 +15,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from dem_bridge.backends.splitting import Motion
-from dem_bridge.backends.twin import solve_motion
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy_parts, momentum
-from dem_bridge.observables.interpolate import state_at
+from dem_bridge.observables.interpolate import Moving, acceleration, hermite
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
-#: a code on the steps of a schedule on a scene, whose first gap is wider by so much (m)
-Stepper = Callable[[Scene, Schedule, float], Motion | Trajectory]
+#: a code on the steps of a schedule on a scene with these contacts, its own or with a wider first gap
+Stepper = Callable[[Scene, Schedule, Contacts], Motion | Trajectory]
 #: parts of a step at which the first touch may fall
 PHASES = tuple((i + 0.5) / 8.0 for i in range(8))
 #: neighbouring steps that are tried, the range of good steps after which all below count as good, and the resolution
@@ -96,23 +96,11 @@ def largest_step(
     return Limit(good=good, bad=bad, window=window)
 
 
-def twin(scene: Scene, plan: Schedule, wider: float = 0.0) -> Motion:
-    """Return the motion of the twin."""
-    return solve_motion(scene, plan, contacts_of(scene, wider))
-
-
 def contacts_of(scene: Scene, wider: float) -> Contacts:
     """Return the contacts of a scene whose first gap is wider by so much (m)."""
     gap = scene.contacts.gap.copy()
     gap[:1] += wider
     return replace(scene.contacts, gap=gap) if wider else scene.contacts
-
-
-def scene_on(scene: Scene, plan: Schedule, wider: float) -> Scene:
-    """Return the scene that lasts as long as a schedule, for codes that need one; its first gap is wider (m)."""
-    assert isinstance(scene.gap, tuple)  # set when the scene was made
-    gap = (scene.gap[0] + wider, *scene.gap[1:]) if wider else scene.gap
-    return replace(scene, gap=gap, duration=plan.steps * plan.step, samples=plan.samples)
 
 
 def struck(scene: Scene) -> bool:
@@ -132,9 +120,9 @@ def steps_of(scene: Scene, dt: float, *, samples: int | None = None) -> Schedule
     return Schedule(step=dt, per_sample=each, subdivisions=1, samples=math.ceil(steps / each))
 
 
-def energies(scene: Scene, run: Motion | Trajectory, wider: float = 0.0) -> tuple[Floats, Floats]:
+def energies(scene: Scene, run: Moving, contacts: Contacts | None = None) -> tuple[Floats, Floats]:
     """Return kinetic and total energy, J, ``(n_t,)`` both; without walls in the frame of the centre of mass."""
-    kinetic, stored, potential = energy_parts(scene, run, contacts_of(scene, wider))
+    kinetic, stored, potential = energy_parts(scene, run, contacts)
     if scene.wall_left is None and scene.wall_right is None:
         kinetic = kinetic - momentum(scene, run) ** 2 / (2.0 * sum(scene.mass))
         potential = -run.displacement @ scene.load
@@ -149,19 +137,21 @@ def in_motion(scene: Scene, truth: Trajectory) -> float:
     return most
 
 
-def energy_gain(scene: Scene, run: Motion | Trajectory, scale: float, wider: float = 0.0) -> float:
+def energy_gain(scene: Scene, run: Motion | Trajectory, scale: float, contacts: Contacts | None = None) -> float:
     """Return the permanent growth of the run's energy, in units of ``scale`` (J); inf where it is not finite."""
+    count = len(run.time)
+    rows = np.r_[0, count - max(1, count // 4) : count]  # the start, and the last quarter
     with np.errstate(over="ignore", invalid="ignore"):
-        total = energies(scene, run, wider)[1]
-        gain = (np.min(total[-max(1, len(total) // 4) :]) - total[0]) / scale
+        total = energies(scene, Motion(run.time[rows], run.displacement[rows], run.velocity[rows]), contacts)[1]
+        gain = (np.min(total[1:]) - total[0]) / scale
     return float(gain) if np.isfinite(gain) else math.inf
 
 
 def gain_of(stepper: Stepper, scene: Scene, dt: float, phase: float, scale: float) -> float:
     """:func:`energy_gain` at a step (s); inf where the run breaks."""
-    wider = phase * scene.velocity[0] * dt
+    contacts = contacts_of(scene, phase * scene.velocity[0] * dt)
     try:
-        return energy_gain(scene, stepper(scene, steps_of(scene, dt), wider), scale, wider)
+        return energy_gain(scene, stepper(scene, steps_of(scene, dt), contacts), scale, contacts)
     except RunBroken:
         return math.inf
 
@@ -174,19 +164,27 @@ def stable_step(
     scale: float,
     allowed: float,
     phases: tuple[float, ...] | None = None,
+    gains: dict[tuple[float, float], float] | None = None,
     **search: float,
 ) -> tuple[Limit, float]:
     """Search the largest stable step below which all are stable, and the phase that decides just above it.
 
     ``start`` (s): where to begin; ``scale`` (J): the energy in motion; ``allowed``: gain over that; ``phases``: of the
-    first touch (None: :data:`PHASES` where the scene is struck); ``search``: settings of :func:`largest_step`.
+    first touch (None: :data:`PHASES` where the scene is struck); ``gains``: those that are known, by step (s) and
+    phase, to which new ones are added; ``search``: settings of :func:`largest_step`.
     """
     available = (PHASES if struck(scene) else (0.0,)) if phases is None else phases
 
     decides: dict[float, float] = {}
+    known = {} if gains is None else gains
+
+    def gain(dt: float, phase: float) -> float:
+        if (dt, phase) not in known:
+            known[dt, phase] = gain_of(stepper, scene, dt, phase, scale)
+        return known[dt, phase]
 
     def is_good(dt: float) -> bool:
-        phase = next((p for p in available if gain_of(stepper, scene, dt, p, scale) > allowed), None)
+        phase = next((phase for phase in available if gain(dt, phase) > allowed), None)
         if phase is not None:
             decides[dt] = phase
         return phase is None
@@ -203,17 +201,23 @@ def velocity_error(stepper: Stepper, scene: Scene, truth: Trajectory, dt: float,
     """
     plan = steps_of(scene, dt, samples=MOST_SAMPLES)
     try:
-        run = stepper(scene, plan, phase * scene.velocity[0] * dt)
+        run = stepper(scene, plan, contacts_of(scene, phase * scene.velocity[0] * dt))
     except RunBroken:
         return math.inf
     late = phase * dt
     available = (run.time >= late) & (run.time <= late + truth.time[-1] * (1.0 + 1e-12))
     when = np.clip(run.time[available] - late, 0.0, truth.time[-1])
-    expected = state_at(scene, truth, when)[1]
+    expected = hermite(truth, truth.velocity, _acceleration(scene, truth), when[:, None])
     with np.errstate(over="ignore", invalid="ignore"):
         difference = float(np.max(np.abs(run.velocity[available] - expected)))
     away = relative_size(difference, float(np.max(np.abs(truth.velocity))))
     return away if math.isfinite(away) else math.inf
+
+
+@lru_cache(maxsize=2)
+def _acceleration(scene: Scene, truth: Trajectory) -> Floats:
+    """Return the accelerations of a solution that is read at each step of a search."""
+    return acceleration(scene, truth)
 
 
 def accurate_step(stepper: Stepper, scene: Scene, truth: Trajectory, *, stable: float, accuracy: float) -> Limit:

@@ -19,19 +19,11 @@ from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.columns import PERCENT, SECOND, Column
 from dem_bridge.report.study import FigureData, Map, Series, Study, Table, check_setting
 from dem_bridge.runs.campaign import Progress
+from dem_bridge.runs.store import Store
 from dem_bridge.scene.file import load_scene
 from dem_bridge.scene.scene import Scene
-from dem_bridge.studies.stability.points import (
-    ACCURACIES,
-    PHASES,
-    STEPS,
-    TEXTS,
-    Family,
-    Results,
-    Trap,
-    families,
-    measure,
-)
+from dem_bridge.studies.stability.parts import Results, Settings, measure
+from dem_bridge.studies.stability.points import ACCURACIES, PHASES, STEPS, TEXTS, Family, Trap, families
 from dem_bridge.studies.stability.step_limits import FINEST, RATIO
 from dem_bridge.verification.roles import GRANULAR, TWIN
 
@@ -90,12 +82,13 @@ def study_stability(
     gain: float = GAIN,
     points: int = 7,
     engine: Engine | None = None,
+    store: Store | None = None,
     progress: Progress | None = None,
 ) -> Study:
     """Find the largest stable and the largest accurate time steps of velocity-Verlet.
 
     The twin and LAMMPS are run on four families of small scenes and on one whole scene. The runs are short, so that
-    they are neither stored nor made in parallel. Ctrl-C keeps what was finished.
+    they are not made in parallel; the limits are kept in the store. Ctrl-C keeps what was finished.
 
     Parameters
     ----------
@@ -105,7 +98,7 @@ def study_stability(
         Lasting growth of the energy, relative to the energy in motion, above which a run is called unstable.
     points : int
         Number of scenes in each family.
-    engine, progress : as in :func:`dem_bridge.study`
+    engine, store, progress : as in :func:`dem_bridge.study`
 
     Returns
     -------
@@ -127,9 +120,10 @@ def study_stability(
             " without drive, as the same one struck"
         )
     chosen, results = families(points), Results()
+    settings = Settings(gain=float(gain), engine=engine or Engine.chosen(), store=store)
     total = points * len(chosen) + 4
     try:
-        for done, label in enumerate(measure(scene, chosen, results, float(gain), engine)):
+        for done, label in enumerate(measure(scene, chosen, results, settings)):
             if progress is not None:
                 progress(done, total, label)
     except KeyboardInterrupt:

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dem_bridge.backends.lammps_motion import granular
+from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.scene.scene import Scene
-from dem_bridge.studies.stability import points, step_limits
+from dem_bridge.studies.stability import parts, points, step_limits
 from dem_bridge.studies.stability import study as stability
 from dem_bridge.studies.stability.points import Measured, Trap, chain, engine_on
 from dem_bridge.studies.stability.step_limits import Limit
@@ -46,13 +48,13 @@ def _made_up_limits(monkeypatch: pytest.MonkeyPatch, *, engine: float) -> None:
         return Trap(backend=backend, dt=dt, velocity=dt * 1e5, last=dt * 1e4, momentum=1e-15, kinetic=1e-6, energy=0.0)
 
     monkeypatch.setattr(stability, "families", lambda count: points.families(count)[::3])
-    monkeypatch.setattr(points, "measured", _measured)
-    monkeypatch.setattr(points, "require", lambda *_: None)
-    monkeypatch.setattr(points, "engine_on", lambda scene, _: lammps if engine else None)
+    monkeypatch.setattr(parts, "measured", _measured)
+    monkeypatch.setattr(parts.Settings, "unavailable_reason", lambda _: "")
+    monkeypatch.setattr(parts, "engine_on", lambda scene, _: lammps if engine else None)
     monkeypatch.setattr(points, "stable_step", stable_step)
     monkeypatch.setattr(step_limits, "accurate_step", accurate_step)
-    monkeypatch.setattr(points, "trap_of", trap_of)
-    monkeypatch.setattr(points, "gain_map", lambda _, steps, phases: np.full((len(phases), len(steps)), 0.25))
+    monkeypatch.setattr(parts, "trap_of", trap_of)
+    monkeypatch.setattr(parts, "gain_map", lambda _, steps, phases: np.full((len(phases), len(steps)), 0.25))
 
 
 def test_every_part_of_a_whole_study_has_its_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -104,4 +106,5 @@ def test_another_limit_of_lammps_fails_and_a_scene_without_it_is_a_note(monkeypa
 
 
 def test_a_scene_that_granular_cannot_express_has_no_engine() -> None:
-    assert engine_on(_measured(replace(SCENE, exponent=3.0)), None) is None
+    with granular(Engine()) as lammps:
+        assert engine_on(_measured(replace(SCENE, exponent=3.0)), lammps) is None

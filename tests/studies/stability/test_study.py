@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from dem_bridge.backends.lammps_motion import granular
 from dem_bridge.backends.splitting import Motion
+from dem_bridge.backends.twin import solve_motion
 from dem_bridge.errors import UsageError
+from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Study
+from dem_bridge.runs.store import Store
+from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.file import load_scene
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.stability import study as stability
 from dem_bridge.studies.stability.points import chain, engine_on, measured, point_of, trap_of
-from dem_bridge.studies.stability.step_limits import twin
 from dem_bridge.studies.stability.study import study_stability
 from dem_bridge.trajectory.dense import Schedule
 from tests.helpers.driven_chains import SINE
@@ -67,14 +74,14 @@ def test_what_was_finished_is_there_when_it_is_stopped(monkeypatch: pytest.Monke
 @pytest.mark.lammps
 def test_lammps_has_the_twins_limit_and_another_limit_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     pair = measured(chain("pair", (1e-2,) * 2, (4e9,)))
-    lmp = engine_on(pair, None)
-    assert lmp is not None
-    point = point_of(pair, allowed=1.0, engine=lmp)
+    with granular(Engine()) as lammps:
+        point = point_of(pair, allowed=1.0, engine=engine_on(pair, lammps))
+    assert math.isfinite(point["engine"])
     assert stability._agreement(point).outcome is Outcome.PASS
 
     # planted: an engine that steps by 3 % more than it is asked for
-    def longer(scene: Scene, plan: Schedule, wider: float = 0.0) -> Motion:
-        return twin(scene, replace(plan, step=1.03 * plan.step), wider)
+    def longer(scene: Scene, plan: Schedule, contacts: Contacts) -> Motion:
+        return solve_motion(scene, replace(plan, step=1.03 * plan.step), contacts)
 
     wrong = point_of(pair, allowed=1.0, engine=longer)
     assert stability._agreement(wrong).outcome is Outcome.FAIL
@@ -82,7 +89,7 @@ def test_lammps_has_the_twins_limit_and_another_limit_is_a_failure(monkeypatch: 
 
 def test_conservation_does_not_show_what_is_wrong() -> None:
     whole = measured(load_scene("decelerating-40"))
-    fine, coarse = (trap_of(whole, twin, "verlet", dt) for dt in (2e-6, 8e-6))
+    fine, coarse = (trap_of(whole, solve_motion, "verlet", dt) for dt in (2e-6, 8e-6))
     # measured by LAMMPS at these steps: 0.6 and 13 % at the end, and more on the way
     assert fine.last == pytest.approx(0.0064, rel=0.02)
     assert coarse.last == pytest.approx(0.134, rel=0.02)
@@ -91,14 +98,46 @@ def test_conservation_does_not_show_what_is_wrong() -> None:
     assert max(coarse.momentum, fine.momentum) < 1e-14
     assert max(coarse.kinetic, fine.kinetic) < 1e-4
 
-    def lossy(scene: Scene, plan: Schedule, wider: float = 0.0) -> Motion:
-        run = twin(scene, plan, wider)
+    def lossy(scene: Scene, plan: Schedule, contacts: Contacts) -> Motion:
+        run = solve_motion(scene, plan, contacts)
         return run._replace(velocity=run.velocity * (1.0 - 1e-3 * run.time / run.time[-1])[:, None])
 
     # planted: a code that gives momentum away
     found = trap_of(whole, lossy, "verlet", 2e-6)
     assert found.momentum == pytest.approx(1e-3, rel=1e-6)
     assert found.kinetic == pytest.approx(2e-3, rel=0.1)
+
+
+class Counting(Store):
+    """A store that counts what was computed: every part of the study that is not read from it is saved."""
+
+    computed = 0
+
+    def save_arrays(self, key: str, arrays: Mapping[str, Any]) -> None:
+        self.computed += 1
+        super().save_arrays(key, arrays)
+
+
+@pytest.mark.lammps
+def test_a_second_call_computes_nothing_and_has_the_same_numbers(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    small_stability(monkeypatch, engine=True)
+    store = Counting(tmp_path)
+    first = study_stability(SCENE, points=2, store=store)
+    parts = store.computed
+    assert parts > 10
+    assert any(verdict.backend == "lammps-granular" for verdict in first.verdicts)
+    again = study_stability(SCENE, points=2, store=store)
+    assert store.computed == parts
+    assert repr([table.rows for table in again.tables]) == repr([table.rows for table in first.tables])  # nan: none
+    assert (again.answer, again.verdicts, again.notes) == (first.answer, first.verdicts, first.notes)
+    # planted: settings that change the numbers. Parts that do not depend on them stay
+    other = study_stability(SCENE, points=2, gain=0.5, store=store)
+    assert store.computed == parts + 4  # three points, and the trap below the limit of the last
+    assert other.tables[0].rows != first.tables[0].rows
+    study_stability(SCENE, points=2, engine=Engine(lmp_args=("-nonbuf",)), store=store)
+    assert store.computed == parts + 4 + 5  # the same parts with LAMMPS, and whether it is there
 
 
 @pytest.mark.parametrize(
