@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 #: columns of a line for people, where the terminal is not narrower
 _WIDTH = 80
 #: backends that draw a scene, the cheapest first, and their step as a part of the shortest contact time
-_DRAWN_BY, _PART = ("verlet", "reference", "scipy"), 1.0 / 50.0
+_DRAWN_BY, _STEP_OF_CONTACT_TIME = ("verlet", "reference", "scipy"), 1.0 / 50.0
 #: colours of the shades of a map
 _TINTS = {"░": "blue", "▒": "cyan", "▓": "green", "█": "yellow"}
 #: how long the first call takes at least on two cores, where kernels are compiled, s
-_COMPILING = 30
+_SECONDS_OF_COMPILING = 30
 
 
 @make_command(
@@ -132,7 +132,7 @@ def _run_for_drawing(scene: Scene) -> tuple[Trajectory, str]:
     from dem_bridge.scene.timescales import contact_time_of
 
     shortest = contact_time_of(scene)
-    dt = None if shortest is None else shortest * _PART
+    dt = None if shortest is None else shortest * _STEP_OF_CONTACT_TIME
     for backend in _DRAWN_BY:
         settings: dict[str, Any] = {"dt": dt} if backend == "verlet" and dt else {}
         try:
@@ -158,7 +158,7 @@ def _words_on_kernels() -> str:
 
     if any(next(folder.glob("*taylor*"), None) for folder in folders_to_read()):
         return ""
-    return f"kernels are compiled first, once on this machine: about {_COMPILING} s"
+    return f"kernels are compiled first, once on this machine: about {_SECONDS_OF_COMPILING} s"
 
 
 def _has_display() -> bool:

@@ -27,11 +27,11 @@ from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.process import probe, require, run_deck, workspace
 
 #: free space that a run needs, bytes; a run of the paper's chains writes 15 MB
-SPACE = 100_000_000
+LEAST_FREE_BYTES = 100_000_000
 #: smallest deck that uses everything a run needs: atoms, granular contacts, ranks, a log and a dump
 _DECK = Path(__file__).with_name("smallest_deck.lmp")
 #: damaged kernels that are named
-_NAMED = 3
+_MOST_NAMED = 3
 _OTHER_ENGINE = "use another LAMMPS with --lmp or --python"
 
 
@@ -184,10 +184,10 @@ def numba_cache() -> Finding:
     damaged = [f"{place / name} ({why})" for place in existing_folders() for name, why in damaged_files(place)]
     if not damaged:
         return Finding(name="numba cache", state=state, needed=False)
-    more = f" and {len(damaged) - _NAMED} more" if len(damaged) > _NAMED else ""
+    more = f" and {len(damaged) - _MOST_NAMED} more" if len(damaged) > _MOST_NAMED else ""
     return Finding(
         name="numba cache",
-        state=f"{state}: damaged kernels, which are never used: {', '.join(damaged[:_NAMED])}{more}",
+        state=f"{state}: damaged kernels, which are never used: {', '.join(damaged[:_MOST_NAMED])}{more}",
         remedy="delete them, and check the disk if there are more later; kernels are compiled anew where needed",
         needed=False,
         defect=True,
@@ -206,11 +206,11 @@ def temporary_folder() -> Finding:
     except OSError as error:
         fault = f"the temporary folder is not writable ({error.strerror})"
         return Finding(name="temp folder", state=fault, remedy=remedy)
-    fine = free >= SPACE
+    fine = free >= LEAST_FREE_BYTES
     return Finding(
         name="temp folder",
         state=f"{folder}, {free / 1e9:.3g} GB free",
-        remedy="" if fine else f"a run may need {SPACE / 1e6:.0f} MB; {remedy}",
+        remedy="" if fine else f"a run may need {LEAST_FREE_BYTES / 1e6:.0f} MB; {remedy}",
     )
 
 

@@ -329,7 +329,7 @@ def judge(
     if "variables" in settings:
         settings["variables"] = dict(settings["variables"])
     with terminal.bar(label=f"the reference solution of {scene}, and fits to {', '.join(files) or 'the runs'}"):
-        from dem_bridge.judging.sentences import NAMES, notes_of, text_of
+        from dem_bridge.judging.sentences import COLUMNS_OF_NAMES, notes_of, text_of
 
         judgement = dem_bridge.judge(list(files), scene, **settings)
     if folder is not None:
@@ -339,7 +339,7 @@ def judge(
     else:
         click.echo(text_of(judgement, every=every))
         if folder is not None:
-            click.echo(f"{'written':{NAMES}}{folder / 'index.html'}")
+            click.echo(f"{'written':{COLUMNS_OF_NAMES}}{folder / 'index.html'}")
         for sentence in notes_of(judgement):
             click.echo(f"dem-bridge: note: {sentence}", err=True)
     sys.exit(judgement.exit_code)

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from dem_bridge.trajectory.trajectory import Trajectory
 
 #: error of velocities, relative to the largest, of which a run warns
-_WORTH_A_WARNING = 0.01
+_LARGEST_ERROR_WITHOUT_WARNING = 0.01
 #: columns of the names of a summary
-_NAMES = 28
+_COLUMNS_OF_NAMES = 28
 #: name of a line -> key of the value, key of its uncertainty, unit, SI value of the unit
 _UNCERTAIN = {
     "largest velocity": ("largest_velocity_m_per_s", "velocity_uncertainty_m_per_s", "m/s", 1.0),
@@ -86,18 +86,20 @@ def run(
         print_json(summary)
         return
     if backend is None:
-        terminal.print_entry("cheapest backend", f"{summary['backend']} (for the reasons: dem-bridge plan)", _NAMES)
+        terminal.print_entry(
+            "cheapest backend", f"{summary['backend']} (for the reasons: dem-bridge plan)", _COLUMNS_OF_NAMES
+        )
     for name, text in (*_summary_lines(summary), *_step_lines(dem_bridge.load_scene(scene), result, summary)):
-        terminal.print_entry(name, text, _NAMES)
+        terminal.print_entry(name, text, _COLUMNS_OF_NAMES)
     if output is not None:
-        terminal.print_entry("written", str(output), _NAMES)
+        terminal.print_entry("written", str(output), _COLUMNS_OF_NAMES)
 
 
 def _warn_of_error(scene: str, run: Trajectory) -> None:
     """Print on stderr that the velocities of a run may be wrong by more than 1 % of the largest, and what to do."""
     largest = float(abs(run.velocity).max(initial=0.0))
     error = float(run.uncertainty["velocity"])
-    if _WORTH_A_WARNING * largest < error < float("inf"):
+    if _LARGEST_ERROR_WITHOUT_WARNING * largest < error < float("inf"):
         click.echo(
             f"dem-bridge: warning: {run.provenance['scene']}: velocities may be wrong by {error / largest:.0%} of the"
             f" largest; for better settings: dem-bridge plan {scene} --accuracy 1e-3 --backend"

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
 #: columns of lines for people, where the terminal is not narrower
-WIDTH = 80
+COLUMNS = 80
 #: how lines are wrapped: a path or a number stays whole
 _WHOLE_WORDS: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
 #: largest number of scenes whose answers are printed one by one
-_MOST_SCENES = 10
+_MOST_SCENES_ONE_BY_ONE = 10
 #: rows of all tables together that are printed on a terminal
-_MOST_ROWS = 100
+_MOST_ROWS_OF_TABLES = 100
 #: what a first Ctrl-C prints
 _IN_ORDER = (
     b"dem-bridge: interrupted: the runs that have begun are finished and kept, and no other begins;"
@@ -123,7 +123,7 @@ def print_entry(name: str, text: str, names: int) -> None:
     """Print a name and its text beside it within 80 columns, without broken words; ``names`` is the room of a name."""
     following = " " * (names + 1)
     head = f"{name:{names}} "
-    print(textwrap.fill(text, WIDTH, initial_indent=head, subsequent_indent=following, **_WHOLE_WORDS))
+    print(textwrap.fill(text, COLUMNS, initial_indent=head, subsequent_indent=following, **_WHOLE_WORDS))
 
 
 def _without_single_scene(table: Table) -> tuple[str, Sequence[str], Sequence[Sequence[str | float]]]:
@@ -174,7 +174,7 @@ def print_verification(verification: Verification, verbose: bool = False) -> Non
     for line in _not_passed(verification.verdicts) if verbose else ():
         _say(line)
     banners = [banner_of(study, verification.accuracy) for study in verification.studies]
-    several = len(banners) > _MOST_SCENES
+    several = len(banners) > _MOST_SCENES_ONE_BY_ONE
     for banner in banners:
         if several and banner.outcome.value == "PASS":
             continue
@@ -211,7 +211,7 @@ def _not_passed(verdicts: Sequence[Verdict]) -> Iterator[str]:
 def _say(text: str) -> None:
     """Print a sentence; its words are wrapped at the width of the terminal, at most 80 columns, and never broken."""
     within = text[: len(text) - len(text.lstrip())]
-    width = min(WIDTH, columns())
+    width = min(COLUMNS, columns())
     following = within + "  "
     print(textwrap.fill(text, width, subsequent_indent=following, **_WHOLE_WORDS))
 
@@ -223,7 +223,7 @@ def _print_tables(tables: Sequence[Table]) -> None:
     console, rows = _console(), 0
     for data in tables:
         rows += len(data.rows)
-        if rows > _MOST_ROWS:
+        if rows > _MOST_ROWS_OF_TABLES:
             _say(f"{data.title}: {len(data.rows)} rows (-o writes them to tables/{data.id}.csv)")
             continue
         title, names, cells = _without_single_scene(data)

@@ -13,11 +13,11 @@ from dem_bridge.formats.readers import Record
 from dem_bridge.scene.scene import Scene
 
 #: multiple of the scene's duration beyond which a scene that stays together (walls, load, drive) is not continued
-LONGEST = 20.0
+MOST_DURATIONS_CONTINUED = 20.0
 #: largest value of a run that has not failed, in SI units
-LARGEST = 1e100
+LARGEST_VALUE_SI = 1e100
 #: most values of a quantity of a file that are judged; of larger files every second, third ... sample is taken
-MOST_VALUES = 2_000_000
+MOST_VALUES_OF_QUANTITY = 2_000_000
 
 
 def check_steps(records: Sequence[Record]) -> None:
@@ -39,9 +39,12 @@ def usable(record: Record, scene: Scene) -> tuple[Record, list[str]]:
     if before := int(np.count_nonzero(time + record.rounding["time"] < 0.0)):
         notes.append(f"{record.name}: {before} samples before the start of the scene, 0 s, are not judged.")
         record = _rows(record, slice(before, None))
-    end = LONGEST * scene.duration
+    end = MOST_DURATIONS_CONTINUED * scene.duration
     if _stays_together(scene) and (late := int(np.count_nonzero(record.time > end))):
-        notes.append(f"{record.name}: {late} samples after {end:.6g} s, {LONGEST:g} times the scene, are not judged.")
+        notes.append(
+            f"{record.name}: {late} samples after {end:.6g} s, {MOST_DURATIONS_CONTINUED:g} times the scene,"
+            " are not judged."
+        )
         record = _rows(record, slice(len(record.time) - late))
         if len(record.time) < 2:
             raise UsageError(
@@ -52,7 +55,7 @@ def usable(record: Record, scene: Scene) -> tuple[Record, list[str]]:
     if record.dt is not None and interval < 0.99 * record.dt:
         notes.append(f"{record.name}: the step, {record.dt:.6g} s, is longer than the sampling, {interval:.6g} s.")
     widest = max(values.shape[1] for values in record.values.values())
-    if (every := -(-len(record.time) * widest // MOST_VALUES)) > 1:
+    if (every := -(-len(record.time) * widest // MOST_VALUES_OF_QUANTITY)) > 1:
         notes.append(f"{record.name}: every sample number {every} of {len(record.time)} is judged.")
         record = _rows(record, slice(None, None, every))
     if not len(record.time) or record.time[-1] <= 0.0:
@@ -62,13 +65,13 @@ def usable(record: Record, scene: Scene) -> tuple[Record, list[str]]:
     if len(record.time) < 2:
         raise UsageError(f"{record.name} has a single sample; allowed: two or more samples at increasing times")
     for name, values in record.values.items():
-        if len(wrong := np.argwhere(~(np.abs(values) < LARGEST))):
+        if len(wrong := np.argwhere(~(np.abs(values) < LARGEST_VALUE_SI))):
             row, column = wrong[0].tolist()
             axis = "contact" if name == "contact_force" else "body"
             raise UsageError(
                 f"{record.name} has {len(wrong)} values of {name.replace('_', ' ')} that are not finite or above"
-                f" {LARGEST:g}, the first at {record.time[row]:.6g} s, {axis} {record.columns[name][column]}; remove"
-                " these samples, or run the code again with a smaller time step"
+                f" {LARGEST_VALUE_SI:g}, the first at {record.time[row]:.6g} s, {axis} {record.columns[name][column]};"
+                " remove these samples, or run the code again with a smaller time step"
             )
     return record, notes
 
@@ -76,7 +79,7 @@ def usable(record: Record, scene: Scene) -> tuple[Record, list[str]]:
 def units_of_time(scene: Scene, records: Sequence[Record]) -> list[float]:
     """Return the units of time, s, in which files would end with the scene whose times go far beyond it."""
     end = max((float(record.time[-1]) for record in records if len(record.time)), default=0.0)
-    if not LONGEST * scene.duration < end < math.inf:
+    if not MOST_DURATIONS_CONTINUED * scene.duration < end < math.inf:
         return []
     return [unit for unit in (1e-3, 1e-6, 1e-9) if 0.3 < end * unit / scene.duration < 3.0]
 

@@ -16,7 +16,7 @@ from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.formats.readers import Record, read_record
 from dem_bridge.foundation.notebook import quantity as amount
 from dem_bridge.judging.deck import DeckRun, deck_run
-from dem_bridge.judging.foreign import TIME_LIMIT, Command, ForeignRun, default_steps, foreign_runs
+from dem_bridge.judging.foreign import TIME_LIMIT_S, Command, ForeignRun, default_steps, foreign_runs
 from dem_bridge.judging.judgement import Addition, Judgement, judge_records
 from dem_bridge.judging.limits import deck_limits
 from dem_bridge.judging.reference import reference_at
@@ -56,7 +56,7 @@ def judge_command(
     steps: Sequence[float] | None = None,
     *,
     tolerance: float | None = None,
-    time_limit: float = TIME_LIMIT,
+    time_limit: float = TIME_LIMIT_S,
     **reading: Any,
 ) -> Judgement:
     """Run a foreign code over a series of time steps, and judge it beside our twin and LAMMPS at the same steps.
@@ -76,7 +76,7 @@ def judge_files(
     decks: Sequence[Path],
     *,
     tolerance: float | None = None,
-    time_limit: float = TIME_LIMIT,
+    time_limit: float = TIME_LIMIT_S,
     engine: Engine | None = None,
     variables: Mapping[str, str] | None = None,
     **reading: Any,

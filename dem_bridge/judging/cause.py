@@ -10,12 +10,12 @@ import numpy as np
 
 from dem_bridge.formats.readers.record import Record
 from dem_bridge.judging.diagnosis import PRIORITY, Diagnosis
-from dem_bridge.judging.fitting import DECISION, Fit
+from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, Fit
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
 from dem_bridge.judging.naming import (
-    FLOORS,
+    ERROR_OF_UNKNOWN_METHOD,
+    LEAST_EFFECT_FLOORS,
     RIGHT,
-    SMALL,
     alternative,
     as_good,
     claim,
@@ -25,7 +25,7 @@ from dem_bridge.judging.naming import (
     priority,
     sentence,
 )
-from dem_bridge.judging.other_scene import BODIES, other_masses, shipped_scene
+from dem_bridge.judging.other_scene import FEWEST_OTHER_MASSES, other_masses, shipped_scene
 from dem_bridge.judging.pairs import name_pair
 from dem_bridge.judging.samples import WORDS, sample_hypotheses
 from dem_bridge.judging.search import Search
@@ -35,15 +35,15 @@ from dem_bridge.judging.step import step_error
 from dem_bridge.scene.scene import Scene
 
 #: difference relative to the scale that no cause makes: units differ by at most 1e9
-UNSTABLE = 1e12
+LEAST_UNSTABLE_DIFFERENCE = 1e12
 #: files that are examined
 MOST_FILES = 3
 #: causes whose effect grows with the time step
 BY_STEP = ("half-step-velocity", "first-order-integrator", "time-shift", "sampling-shift")
 #: noise of single precision: what the nearest hypothesis leaves at least, and the largest error relative to the scale
-NOISY, LARGEST_NOISE = 0.3, 5.0
+LEAST_SHARE_OF_SINGLE_NOISE, LARGEST_SINGLE_NOISE = 0.3, 5.0
 #: ... and the error up to which such noise need not stand out from the error of the time step
-USUAL_NOISE = 1e-3
+LARGEST_USUAL_NOISE = 1e-3
 
 
 def diagnose(scene: Scene, records: Sequence[Record], floor: Mapping[str, float] | None = None) -> Diagnosis:
@@ -81,14 +81,14 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
             step=step_error(search.decision, none),
         )
     size = float(np.max(search.errors))
-    if none.stepping is not None and none.error < min(SMALL, size / FLOORS):
+    if none.stepping is not None and none.error < min(ERROR_OF_UNKNOWN_METHOD, size / LEAST_EFFECT_FLOORS):
         # no fault that is left would be 50 floors, of which the error of the step is one
         return Diagnosis(
             cause="none",
             evidence=f"The time step explains the difference but for {none.error:.2g} of the largest value.",
             step=step_error(search.decision, none),
         )
-    if size > UNSTABLE:
+    if size > LEAST_UNSTABLE_DIFFERENCE:
         sentence = f"Values grow to {size:.2g} of the largest value of the scene, as those of an unstable step do."
         return Diagnosis(cause="unknown", evidence=sentence)
     stated = statements(scene, record)
@@ -105,7 +105,7 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
 def _of_other_masses(search: Search) -> Diagnosis | None:
     """Return the diagnosis of a file whose momentum is conserved with other masses of several bodies; else None."""
     masses = other_masses(search.scene, search.data)
-    if masses is None or masses.reordered or len(masses.differing) < BODIES:
+    if masses is None or masses.reordered or len(masses.differing) < FEWEST_OTHER_MASSES:
         return None
     evidence = (
         f"Momentum is conserved if the masses are {masses.words()} times those of the scene, relative to the median"
@@ -130,9 +130,15 @@ def _by_fits(search: Search, none: Fit, stated: Sequence[Statement]) -> Diagnosi
     diagnosis = name_cause(
         search, none, fits, certain=any({"velocity", "start"} & set(item.changes) for item in stated)
     )
-    if diagnosis.cause != "unknown" or (fits and fits[0].rms < NOISY * none.rms) or not on_single_grid(search.data):
+    if (
+        diagnosis.cause != "unknown"
+        or (fits and fits[0].rms < LEAST_SHARE_OF_SINGLE_NOISE * none.rms)
+        or not on_single_grid(search.data)
+    ):
         return diagnosis
-    if none.error > LARGEST_NOISE or (none.error > USUAL_NOISE and search.decision.effect_of_noise(none) < FLOORS):
+    if none.error > LARGEST_SINGLE_NOISE or (
+        none.error > LARGEST_USUAL_NOISE and search.decision.effect_of_noise(none) < LEAST_EFFECT_FLOORS
+    ):
         return diagnosis
     sentence = f"The samples are numbers of single precision, and differ by {none.error:.2g} of the largest value."
     return Diagnosis(cause="single-precision", evidence=sentence)
@@ -149,7 +155,7 @@ def by_statements(search: Search, none: Fit, stated: Sequence[Statement]) -> Dia
         return None
     decision = search.decision
     together = decision.decide(_certain(variant, ""), np.zeros(0), none)
-    if not (explained(together) or together.error < none.error / FLOORS):
+    if not (explained(together) or together.error < none.error / LEAST_EFFECT_FLOORS):
         return None
     # where one of them is no scene by itself, its effect is that of all
     effects = {statement: search.effect(variant_of(search.scene, [statement]) or variant) for statement in stated}
@@ -157,7 +163,7 @@ def by_statements(search: Search, none: Fit, stated: Sequence[Statement]) -> Dia
     effect, step = effects[first], step_error(decision, together)
     words = _and(f"{statement.words} (effect {effects[statement]:.2g})" for statement in stated)
     left = leaves(together, none, "With it a run leaves")
-    if effect < max(SMALL, 0.0 if step is None else step.error / FLOORS):
+    if effect < max(ERROR_OF_UNKNOWN_METHOD, 0.0 if step is None else step.error / LEAST_EFFECT_FLOORS):
         return Diagnosis(
             cause="none", evidence=f"Time step and digits explain the difference, although {words}.", step=step
         )
@@ -194,7 +200,9 @@ def _equal_samples(search: Search, best: Fit) -> list[Fit]:
     near = []
     for hypothesis in sample_hypotheses(data, search.exact):
         if not hypothesis.size:
-            residual = data.residual(data.predict(hypothesis.make(np.zeros(0)), rows, DECISION, best.stepping))
+            residual = data.residual(
+                data.predict(hypothesis.make(np.zeros(0)), rows, TOLERANCE_OF_DECISION, best.stepping)
+            )
             if float(np.sqrt(np.mean(residual**2))) < 3.0 * max(best.rms, 1.0):
                 near.append(search.decision.decide(hypothesis, np.zeros(0), best))
     return sorted((fit for fit in near if as_good(fit, best, count)), key=priority)

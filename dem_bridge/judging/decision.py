@@ -9,30 +9,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.judging import kernels
-from dem_bridge.judging.fitting import DECISION, MOST_STEPS, Data, Fit, Stepping, least
+from dem_bridge.judging.fitting import MOST_STEPS_OF_METHOD, TOLERANCE_OF_DECISION, Data, Fit, Stepping, least
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
 from dem_bridge.judging.model import resolving_step
 
 Floats = NDArray[np.float64]
 
 #: methods that a right code may have
-METHODS = (kernels.VERLET, kernels.DRIFT_FIRST, kernels.RK4)
+METHODS_OF_RIGHT_CODES = (kernels.VERLET, kernels.DRIFT_FIRST, kernels.RK4)
 #: steps in an interval of samples that are tried
-DIVISORS = (*range(1, 21), 25, 30, 40, 50, 64, 80, 100)
+STEPS_IN_INTERVAL = (*range(1, 21), 25, 30, 40, 50, 64, 80, 100)
 #: hypotheses for which they are tried leave less than so many times what the best one leaves
-PROMISING = 10.0
+LARGEST_MULTIPLE_OF_BEST = 10.0
 #: rms in units of the noise at which the search for method and step ends
-ENOUGH = 1.2
+RMS_NOISES_AT_END = 1.2
 #: errors in units of the noise that digits do not explain
-RESOLVED = 12.0
+LEAST_RESOLVED_NOISES = 12.0
 #: part of a difference that the best step leaves of noise, at least
-UNEXPLAINED = 0.3
+LEAST_SHARE_OF_NOISE = 0.3
 #: parts of the samples that lead a fit to parameters on which late samples depend strongly
-LEADING = (0.1, 0.2, 0.4, 0.6, 0.8)
+SHARES_OF_LEADING_SAMPLES = (0.1, 0.2, 0.4, 0.6, 0.8)
 #: most steps of a run for a hypothesis without parameters, which is one run
-MOST_OF_ONE = 10_000_000
+MOST_STEPS_OF_ONE_RUN = 10_000_000
 #: steps that are tried in a row, each found from the error at the one before
-ROUNDS = 10
+MOST_STEPS_IN_A_ROW = 10
 
 
 class Decision:
@@ -41,21 +41,23 @@ class Decision:
     def __init__(self, data: Data) -> None:
         self.data, self.rows = data, len(data.time)
         self.base = Variant(data.model.system)
-        self.exact = data.predict(self.base, self.rows, DECISION)
+        self.exact = data.predict(self.base, self.rows, TOLERANCE_OF_DECISION)
         self.errors = data.errors(self.exact)
         self.step = self._step()
 
     def _step(self) -> float:
         """Return a step (s) that resolves the contacts: that of the file, if runs with it are short."""
         end, model = float(self.data.time[-1]), self.data.model
-        if self.data.dt is not None and end / self.data.dt <= MOST_STEPS:
+        if self.data.dt is not None and end / self.data.dt <= MOST_STEPS_OF_METHOD:
             return float(self.data.dt)
-        return resolving_step(model, end, MOST_STEPS)
+        return resolving_step(model, end, MOST_STEPS_OF_METHOD)
 
     def time_step_error(self) -> list[Floats]:
         """Return the error of velocity Verlet at the step of the search, for each block; 0 where it is unstable."""
         with np.errstate(all="ignore"):
-            stepped = self.data.predict(self.base, self.rows, DECISION, Stepping(kernels.VERLET, self.step))
+            stepped = self.data.predict(
+                self.base, self.rows, TOLERANCE_OF_DECISION, Stepping(kernels.VERLET, self.step)
+            )
             out = [np.nan_to_num(after - before) for after, before in zip(stepped, self.exact, strict=True)]
         sane = all(np.max(np.abs(e), initial=0.0) < 3.0 * b.scale for e, b in zip(out, self.data.blocks, strict=True))
         return out if sane else [0.0 * np.nan_to_num(e) for e in self.exact]
@@ -70,11 +72,13 @@ class Decision:
             return self._rounded(hypothesis, p)
         best = self._evaluated(hypothesis, p)
         dt, end = self.data.dt, float(self.data.time[-1])
-        if best.rms < ENOUGH or (dt is not None and end / dt > (MOST_STEPS if hypothesis.size else MOST_OF_ONE)):
+        if best.rms < RMS_NOISES_AT_END or (
+            dt is not None and end / dt > (MOST_STEPS_OF_METHOD if hypothesis.size else MOST_STEPS_OF_ONE_RUN)
+        ):
             return best
         for trial in self._stepped(hypothesis, best, rival):
             best = trial if trial.rms < best.rms else best
-            if best.rms < ENOUGH:
+            if best.rms < RMS_NOISES_AT_END:
                 break
         return best
 
@@ -82,20 +86,20 @@ class Decision:
         """Yield the best fits by methods of fixed steps: at the step of the file, or at a step that is to be found."""
         p = exact.parameters
         if self.data.dt is not None:
-            for method in METHODS:
+            for method in METHODS_OF_RIGHT_CODES:
                 yield self._improved(hypothesis, p, Stepping(method, self.data.dt))
             return
         # the file was written by one method and step, whatever its cause
-        explained = rival is not None and rival.rms < ENOUGH
+        explained = rival is not None and rival.rms < RMS_NOISES_AT_END
         if explained and rival is not None and rival.stepping is not None:
             yield self._improved(hypothesis, p, rival.stepping)
         for method in (kernels.VERLET, kernels.DRIFT_FIRST):
             yield self._found_step(hypothesis, exact, method)
-        promising = rival is None or exact.rms < PROMISING * rival.rms
+        promising = rival is None or exact.rms < LARGEST_MULTIPLE_OF_BEST * rival.rms
         if self.data.even and promising and not explained:
             # few steps only make a large error
-            counts = DIVISORS if exact.error < 0.1 else DIVISORS[:20]
-            for method in METHODS[::-1]:
+            counts = STEPS_IN_INTERVAL if exact.error < 0.1 else STEPS_IN_INTERVAL[:20]
+            for method in METHODS_OF_RIGHT_CODES[::-1]:
                 yield from self._tried_steps(hypothesis, p, method, counts)
 
     def _rounded(self, hypothesis: Hypothesis, p: Floats) -> Fit:
@@ -120,13 +124,13 @@ class Decision:
         """Return the best fit by a method of fixed step, whose derivatives are those of the exact motion."""
         derivative = self._derivative(hypothesis, p)
         best = self._linear_steps(hypothesis, p, stepping, derivative)
-        if best.rms < ENOUGH or not hypothesis.size:
+        if best.rms < RMS_NOISES_AT_END or not hypothesis.size:
             return best
         # late collisions may depend on the parameters too strongly for a linear step: the first samples lead to them
         row_of_each = np.concatenate(
             [np.repeat(np.arange(self.rows), block.values.shape[1]) for block in self.data.blocks]
         )
-        for part in LEADING:
+        for part in SHARES_OF_LEADING_SAMPLES:
             residual = self._residual(hypothesis, p, stepping)
             rows = row_of_each < part * self.rows
             p = np.clip(p + least(derivative[rows], -residual[rows]), *hypothesis.bounds)
@@ -158,11 +162,11 @@ class Decision:
         weight = self._weight(0.1 * exact.error)
         derivative = self._derivative(hypothesis, p)
         smooth, start, last, nearest = self._residual(hypothesis, p), p, (0.0, 0.0), (math.inf, 0.0, p)
-        for _ in range(ROUNDS):
+        for _ in range(MOST_STEPS_IN_A_ROW):
             stepping = Stepping(method, dt)
             residual = self._residual(hypothesis, p, stepping)
             fit = self._fit(hypothesis, p, residual, derivative, stepping)
-            if fit.rms < ENOUGH:
+            if fit.rms < RMS_NOISES_AT_END:
                 return self._improved(hypothesis, p, stepping)
             best = fit if fit.rms < best.rms else best
             error = residual - smooth - derivative @ (p - start)
@@ -181,13 +185,13 @@ class Decision:
                 break
             dt = self._whole(dt * growth ** (1.0 / power))
             nearest = min(nearest, (float(np.sqrt(np.mean((weight * left) ** 2))), dt, p), key=lambda item: item[0])
-            if float(self.data.time[-1]) / dt > MOST_STEPS:
+            if float(self.data.time[-1]) / dt > MOST_STEPS_OF_METHOD:
                 break
             if dt == last[0]:
                 fit = self._improved(hypothesis, p, stepping)
                 best = fit if fit.rms < best.rms else best
                 break
-        if best.rms < ENOUGH:
+        if best.rms < RMS_NOISES_AT_END:
             return best
         count = self.data.interval / nearest[1] if nearest[1] else 0.0
         if not self.data.even or count < 2.0 or exact.error > 0.1:
@@ -214,7 +218,7 @@ class Decision:
         for place, count in enumerate(counts):
             stepping = Stepping(method, self.data.interval / count)
             steps += float(self.data.time[-1]) / stepping.dt
-            if steps > 2 * MOST_STEPS:
+            if steps > 2 * MOST_STEPS_OF_METHOD:
                 break
             residual = self._residual(hypothesis, p, stepping)
             change = least(derivative, -residual)
@@ -232,13 +236,13 @@ class Decision:
     def _residual(self, hypothesis: Hypothesis, p: Floats, stepping: Stepping | None = None) -> Floats:
         """Return the residual of a hypothesis in units of the noise."""
         with np.errstate(all="ignore"):
-            return self.data.residual(self.data.predict(hypothesis.make(p), self.rows, DECISION, stepping))
+            return self.data.residual(self.data.predict(hypothesis.make(p), self.rows, TOLERANCE_OF_DECISION, stepping))
 
     def _derivative(self, hypothesis: Hypothesis, p: Floats) -> Floats:
         """Return the derivative of the residual by each parameter, in units of the noise."""
         if hypothesis.size == 0:
             return np.zeros((sum(block.values.size for block in self.data.blocks), 0))
-        step, tolerance = 1e-4, DECISION if float(np.max(self.errors)) < 1e-4 else 1e-11
+        step, tolerance = 1e-4, TOLERANCE_OF_DECISION if float(np.max(self.errors)) < 1e-4 else 1e-11
 
         def residual(q: Floats) -> Floats:
             return self.data.residual(self.data.predict(hypothesis.make(q), self.rows, tolerance))
@@ -280,10 +284,10 @@ class Decision:
         hypothesis about the method is about the time-step error itself, which is then no part of the floor.
         """
         variant = fit.hypothesis.make(fit.parameters)
-        prediction = self.data.predict(variant, self.rows, DECISION)
+        prediction = self.data.predict(variant, self.rows, TOLERANCE_OF_DECISION)
         stepped = prediction
         if fit.stepping is not None:
-            stepped = self.data.predict(variant, self.rows, DECISION, fit.stepping)
+            stepped = self.data.predict(variant, self.rows, TOLERANCE_OF_DECISION, fit.stepping)
         left, step = self.data.largest(stepped, self._values), self.data.largest(stepped, prediction)
         differences = self.data.largest(prediction, self.exact)
         floors = (max(three) for three in zip(self.data.floors, left, step, strict=True))
@@ -296,9 +300,13 @@ class Decision:
         contacts counts, and noise is what no step explains.
         """
         stepping = none.stepping if self.data.dt is not None else None
-        if stepping is None and none.rms < UNEXPLAINED * float(np.sqrt(np.mean(self.data.residual(self.exact) ** 2))):
+        if stepping is None and none.rms < LEAST_SHARE_OF_NOISE * float(
+            np.sqrt(np.mean(self.data.residual(self.exact) ** 2))
+        ):
             return 0.0
-        by_steps = self.data.predict(self.base, self.rows, DECISION, stepping or Stepping(kernels.VERLET, self.step))
+        by_steps = self.data.predict(
+            self.base, self.rows, TOLERANCE_OF_DECISION, stepping or Stepping(kernels.VERLET, self.step)
+        )
         left = self.data.largest(by_steps if stepping is not None else self.exact, self._values)
         floors = map(max, self.data.floors, self.data.largest(by_steps, self.exact))
         return max(difference / floor for difference, floor in zip(left, floors, strict=True))
@@ -315,7 +323,9 @@ class Decision:
         for block, value in zip(self.data.blocks, self.exact, strict=True):
             start = self.base.system.velocity[block.columns] if block.quantity == 0 else 0.0
             error = np.where(np.abs(value - start) < block.sigma, np.abs(value - block.values), 0.0)
-            error = np.where(block.present & (block.quantity < 2) & (error > RESOLVED * block.sigma), error, 0.0)
+            error = np.where(
+                block.present & (block.quantity < 2) & (error > LEAST_RESOLVED_NOISES * block.sigma), error, 0.0
+            )
             largest = max(largest, float(np.max(error)) / block.scale)
         return largest
 

@@ -35,7 +35,7 @@ _DECK = re.compile(r"^[ \t]*(units|atom_style|pair_style|read_data|create_box|in
 #: fields of a scene that are compared with those of the deck, with the relative difference that counts as round-off
 _FIELDS = ("mass", "stiffness", "exponent", "gap", "velocity", "wall_left", "wall_right", "gravity", "precompression",
            "damping", "adhesion", "drag", "drive")  # fmt: skip
-_SAME = 1e-12
+_ROUNDOFF_OF_FIELDS = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,7 +300,7 @@ def _difference(ours: object, theirs: object) -> str:
         if len(first) != len(second):
             return f"{len(second)} numbers; the scene has {len(first)}"
         gap = np.abs(first - second)
-        if np.max(gap, initial=0.0) <= _SAME * np.max(np.abs([first, second]), initial=0.0):
+        if np.max(gap, initial=0.0) <= _ROUNDOFF_OF_FIELDS * np.max(np.abs([first, second]), initial=0.0):
             return ""
         place = int(np.argmax(gap))
         where = f" at {place}" if len(first) > 1 else ""

@@ -16,13 +16,13 @@ Floats = NDArray[np.float64]
 
 QUANTITIES = ("velocity", "displacement", "contact_force")
 #: accuracy of the model relative to the scale of a quantity, where it repeats a method step by step
-REPEATED = 1e-11
+ERROR_OF_REPEATED_METHOD = 1e-11
 #: runs by the method of another code are limited to so many steps
-MOST_STEPS = 400_000
+MOST_STEPS_OF_METHOD = 400_000
 #: durations of the scene up to which its motion is computed, if the file does not go further
-FARTHEST = 3.0
+MOST_DURATIONS = 3.0
 #: tolerance of the adaptive method in a search and for the decision
-SEARCH, DECISION = 1e-9, 1e-13
+TOLERANCE_OF_SEARCH, TOLERANCE_OF_DECISION = 1e-9, 1e-13
 
 
 class Block(NamedTuple):
@@ -70,7 +70,7 @@ class Data:
         contacts = scene.contacts
         places = np.where(contacts.left == scene.n_body, 0, contacts.left + 1)
         #: latest time of a motion, s: a hypothesis about times may go far beyond scene and file, and says no more there
-        self.farthest = max(FARTHEST * scene.duration, float(self.time[-1]))
+        self.farthest = max(MOST_DURATIONS * scene.duration, float(self.time[-1]))
         base = model.exact(model.system, np.maximum(self.time, 0.0))
         late = record.rounding.get("time")
         late = np.zeros(len(self.time)) if late is None else np.asarray(late)
@@ -89,7 +89,7 @@ class Data:
             noise = (rounding**2 + (late[:, None] * slope[:, columns]) ** 2) / 3.0
             # in another unit values may be far smaller than those of the scene
             size = min(scale, float(np.nanmax(np.abs(values), initial=0.0)) or scale)
-            sigma = np.sqrt(noise + (REPEATED * size) ** 2 + floor.get(name, 0.0) ** 2)
+            sigma = np.sqrt(noise + (ERROR_OF_REPEATED_METHOD * size) ** 2 + floor.get(name, 0.0) ** 2)
             self.blocks.append(Block(quantity, values, columns, sigma, np.isfinite(values), scale, rounding))
             digits = float(np.max(np.where(np.isfinite(values), rounding, 0.0), initial=0.0))
             self.floors.append(max(digits, 1e-12 * size, floor.get(name, 0.0)))
@@ -117,7 +117,7 @@ class Data:
         return self.model.stepped_at(variant.system, positive, dt, stepping.method), times
 
     def predict(
-        self, variant: Variant, rows: int, tolerance: float = SEARCH, stepping: Stepping | None = None
+        self, variant: Variant, rows: int, tolerance: float = TOLERANCE_OF_SEARCH, stepping: Stepping | None = None
     ) -> list[Floats]:
         """Return what the file would hold, for each block; nan where a sample is before the start."""
         motion, times = self.motion(variant, rows, tolerance, stepping)

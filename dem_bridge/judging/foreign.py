@@ -27,9 +27,9 @@ from dem_bridge.scene.file.text import scene_json, scene_toml
 from dem_bridge.scene.scene import Scene
 
 #: default time steps: the largest is this part of 1/omega of the stiffest contact, each other half of the one before
-FIRST, HALVINGS = 0.04, 4
+LARGEST_STEP_OMEGA, NUMBER_OF_STEPS = 0.04, 4
 #: time limit of a run, s
-TIME_LIMIT = 600.0
+TIME_LIMIT_S = 600.0
 _PLACEHOLDER = re.compile(r"\{([A-Za-z][\w.]*)\}")
 _SCENES = ("scene", "scene.json", "scene.toml", "deck")
 _ALLOWED = "{scene} or {scene.json}, {scene.toml}, {deck}, {dt}, and {out} or {out.ENDING} such as {out.csv}"
@@ -119,8 +119,8 @@ def default_steps(scene: Scene) -> tuple[float, ...]:
     """
     interval = scene.duration / scene.samples
     frequency = prescan_hertz(scene).frequency
-    steps = max(1, math.ceil(interval * frequency / FIRST))
-    return tuple(interval / (steps * 2**k) for k in range(HALVINGS))
+    steps = max(1, math.ceil(interval * frequency / LARGEST_STEP_OMEGA))
+    return tuple(interval / (steps * 2**k) for k in range(NUMBER_OF_STEPS))
 
 
 @contextmanager
@@ -129,7 +129,7 @@ def foreign_runs(
     scene: Scene,
     steps: Sequence[float],
     *,
-    time_limit: float = TIME_LIMIT,
+    time_limit: float = TIME_LIMIT_S,
     progress: Callable[[str], None] | None = None,
 ) -> Iterator[tuple[ForeignRun, ...]]:
     """Run a foreign code at each time step (s) and yield its runs; their files are removed after the context.

@@ -79,9 +79,9 @@ class Hypothesis:
 
 
 #: logarithm of the largest factor of a hypothesis
-LARGEST_LOGARITHM = 7.0
+LARGEST_LOGARITHM_OF_FACTOR = 7.0
 #: standard deviations by which a parameter is not 0
-SURE = 5.0
+DEVIATIONS_FROM_ZERO = 5.0
 LOG_STARTS = ((0.0,), (0.7,), (-0.7,))
 WIDE_STARTS = (*LOG_STARTS, (1.6,), (-1.6,), (2.7,), (-2.7,))
 
@@ -184,7 +184,7 @@ def _effective(mass: Floats) -> Floats:
 
 def _factor(logarithm: float) -> float:
     """Return the factor of a logarithm; beyond a thousand it stays, because a fit may try any number."""
-    return math.exp(min(max(logarithm, -LARGEST_LOGARITHM), LARGEST_LOGARITHM))
+    return math.exp(min(max(logarithm, -LARGEST_LOGARITHM_OF_FACTOR), LARGEST_LOGARITHM_OF_FACTOR))
 
 
 def _single(size: int, index: int, factor: float) -> Floats:
@@ -229,7 +229,7 @@ def global_hypotheses(scene: Scene, model: Model) -> Iterator[Hypothesis]:
         "The exponent n differs from the scene's by {0:.6g} +- {1:.2g}, and all stiffnesses with it.",
         ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0)),
         bounds=(-1.4, 3.0),
-        least=SURE,
+        least=DEVIATIONS_FROM_ZERO,
     )
     yield from _patterns(scene, change)
     yield from _damping(scene, change)

@@ -37,7 +37,7 @@ KEYS = (
     *("step", "alternative_causes", "faults", "needed"),
 )
 #: what reference or digits leave open, relative to the largest value, above which no file is called right
-DETERMINED = 0.01
+LARGEST_OPEN_SHARE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -341,7 +341,7 @@ def _diagnosis(
             evidence=f"The reference is uncertain by {share:.2g} of the largest {name} at these times, so that errors"
             " of the file cannot be seen; give earlier samples.",
         )
-    if diagnosis.cause == "none" and (share := min(_floors(files), default=0.0)) > DETERMINED:
+    if diagnosis.cause == "none" and (share := min(_floors(files), default=0.0)) > LARGEST_OPEN_SHARE:
         return Diagnosis(
             cause="unknown",
             evidence=f"The digits of the file leave {share:.2g} of the largest value open, so that errors cannot be"
@@ -360,7 +360,7 @@ def _diagnosis(
 def _without_reference(files: Sequence[FileErrors]) -> QuantityErrors | None:
     """Return a quantity that the reference does not determine; forces are uncertain wherever damped contacts close."""
     for part in (part for file in files for part in file.quantities.values() if part.scale > 0.0):
-        if part.quantity != "contact_force" and part.relative(part.reference_uncertainty) > DETERMINED:
+        if part.quantity != "contact_force" and part.relative(part.reference_uncertainty) > LARGEST_OPEN_SHARE:
             return part
     return None
 

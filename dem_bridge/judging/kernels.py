@@ -17,11 +17,11 @@ from dem_bridge.foundation.compiled import Floats, Ints, kernel
 #: with a drift, explicit Euler, and the classical Runge-Kutta method of order 4
 VERLET, DRIFT_FIRST, KICK_EULER, DRIFT_EULER, EXPLICIT_EULER, RK4 = range(6)
 #: part of the largest speed below which a body ahead of a front counts as at rest
-_AT_REST = 1e-22
+_SHARE_OF_SPEED_AT_REST = 1e-22
 #: bodies ahead of a front that are worked on
-_AHEAD = 5
+_BODIES_AHEAD_OF_FRONT = 5
 #: the adaptive method gives up after so many steps
-MOST_STEPS = 60_000
+MOST_ADAPTIVE_STEPS = 60_000
 
 
 class System(NamedTuple):
@@ -111,9 +111,14 @@ def accelerations(t: float, x: Floats, v: Floats, count: int, system: System, f:
 def reached(v: Floats, a: Floats, count: int, speed: float) -> int:
     """Return the number of bodies to work on: those that move, and some ahead of them, ``count`` at least."""
     last = len(v)
-    while last > count - _AHEAD and last > 0 and abs(v[last - 1]) <= _AT_REST * speed and a[last - 1] == 0.0:
+    while (
+        last > count - _BODIES_AHEAD_OF_FRONT
+        and last > 0
+        and abs(v[last - 1]) <= _SHARE_OF_SPEED_AT_REST * speed
+        and a[last - 1] == 0.0
+    ):
         last -= 1
-    return min(len(v), max(count, last + _AHEAD))
+    return min(len(v), max(count, last + _BODIES_AHEAD_OF_FRONT))
 
 
 @kernel()
@@ -134,7 +139,7 @@ def adaptive(
     count = reached(v, a, 0, speed)
     t, steps, size = 0.0, 0, system.first_step
     for row in range(rows):
-        while t < times[row] and steps < MOST_STEPS:
+        while t < times[row] and steps < MOST_ADAPTIVE_STEPS:
             steps += 1
             left = times[row] - t
             lands = size >= 0.999 * left

@@ -25,7 +25,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 
 #: significant digits of LAMMPS' text dumps without a format
-_DIGITS = 6
+_DIGITS_OF_DUMPS = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,7 +262,7 @@ def _of_own_dump(deck: UserDeck) -> Iterator[Limit]:
             continue
         digits = re.search(r"%[-+ 0#\d]*\.(\d+)([efg])", formats[-1]) if formats else None
         if digits is None or (digits[2] == "g" and int(digits[1]) < 15):
-            count = int(digits[1]) if digits else _DIGITS
+            count = int(digits[1]) if digits else _DIGITS_OF_DUMPS
             yield Limit(
                 what=f"digits of own dump {dump.rest[0]}",
                 found=f"{count}",

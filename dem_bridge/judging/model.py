@@ -17,7 +17,7 @@ from dem_bridge.scene.scene import Scene
 Floats = NDArray[np.float64]
 
 #: tolerance of a step of the adaptive method; the error of velocities is some ten times larger
-TOLERANCE = 1e-11
+ADAPTIVE_STEP_TOLERANCE = 1e-11
 
 
 def system_of(scene: Scene) -> System:
@@ -74,7 +74,7 @@ class Model:
         weights = np.array(DOP853.B)
         self._pair = np.array(DOP853.A[: len(weights), : len(weights)]), weights, np.array([DOP853.E3, DOP853.E5])
 
-    def exact(self, system: System, times: Floats, tolerance: float = TOLERANCE) -> Motion:
+    def exact(self, system: System, times: Floats, tolerance: float = ADAPTIVE_STEP_TOLERANCE) -> Motion:
         """Return the motion at ``times`` (s, not falling, from 0) by an adaptive method of order 8."""
         return Motion(*kernels.adaptive(system, np.ascontiguousarray(times), self.speed, tolerance, *self._pair))
 

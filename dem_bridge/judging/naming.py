@@ -16,22 +16,22 @@ from dem_bridge.judging.search import Search
 Floats = NDArray[np.float64]
 
 #: least effect, in floors, for which a cause is named, unless it explains the file to its digits
-FLOORS = 50.0
+LEAST_EFFECT_FLOORS = 50.0
 #: rms and largest residual, in units of the noise, at which the digits of a file explain the difference
-EXPLAINED, LARGEST = 1.5, 12.0
+LARGEST_RMS_NOISES, LARGEST_RESIDUAL_NOISES = 1.5, 12.0
 #: ... and the largest residual in floors, if it is larger in units of the noise
-LARGEST_FLOORS = 3.0
+LARGEST_RESIDUAL_FLOORS = 3.0
 #: error relative to the scale that a code of unknown method may have
-SMALL = 1e-6
+ERROR_OF_UNKNOWN_METHOD = 1e-6
 #: part of the difference that a cause may leave to a code of unknown method, and the largest error that is left
-LITTLE, LITTLE_ERROR = 1e-3, 2e-5
+LARGEST_SHARE_LEFT, LARGEST_ERROR_LEFT = 1e-3, 2e-5
 #: its usual error: so many times the error of an adaptive method at a tolerance of 1e-11, because the
 #: tolerances of a code, absolute ones among them, are unknown
-ADAPTIVE = 100.0
+ADAPTIVE_ERROR_MULTIPLE = 100.0
 #: part of the difference that a right code may show where nothing has moved
-AT_REST = 0.1
+LARGEST_SHARE_AT_REST = 0.1
 #: change of an exponent that no code makes
-UNCHANGED = 1e-6
+LEAST_CHANGE_OF_EXPONENT = 1e-6
 #: evidence of a right file
 RIGHT = "Time step and digits explain the difference."
 #: which files would tell causes apart that have one motion
@@ -44,12 +44,12 @@ def explained(fit: Fit) -> bool:
 
     Small values have more decimals than large ones, so that the error of a code without steps shows in them.
     """
-    return to_digits(fit) or (fit.rms < EXPLAINED and fit.floors < LARGEST_FLOORS)
+    return to_digits(fit) or (fit.rms < LARGEST_RMS_NOISES and fit.floors < LARGEST_RESIDUAL_FLOORS)
 
 
 def to_digits(fit: Fit) -> bool:
     """Return whether the digits of the file explain the residual."""
-    return fit.rms < EXPLAINED and fit.largest < LARGEST
+    return fit.rms < LARGEST_RMS_NOISES and fit.largest < LARGEST_RESIDUAL_NOISES
 
 
 def as_good(fit: Fit, best: Fit, count: int) -> bool:
@@ -163,29 +163,35 @@ def stepping_of(fit: Fit) -> Stepping | None:
 def _without_name(search: Search, none: Fit, best: Fit, found: bool, *, certain: bool) -> Diagnosis | None:
     """Return the diagnosis where no cause is named: nothing explains the difference, or it is too small; else None."""
     left = best.rms / none.rms
-    usual = min(SMALL, ADAPTIVE * search.decision.adaptive_error())
-    loosely = (left < 1.0 / FLOORS and best.error < usual) or (left < LITTLE and best.error < LITTLE_ERROR)
+    usual = min(ERROR_OF_UNKNOWN_METHOD, ADAPTIVE_ERROR_MULTIPLE * search.decision.adaptive_error())
+    loosely = (left < 1.0 / LEAST_EFFECT_FLOORS and best.error < usual) or (
+        left < LARGEST_SHARE_LEFT and best.error < LARGEST_ERROR_LEFT
+    )
     small = Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")
     if not (found and (explained(best) or loosely)):
-        if search.data.dt is None and none.floors < FLOORS:
-            usual = SMALL
-        if none.error < usual and search.decision.error_at_rest() < AT_REST * none.error:
+        if search.data.dt is None and none.floors < LEAST_EFFECT_FLOORS:
+            usual = ERROR_OF_UNKNOWN_METHOD
+        if none.error < usual and search.decision.error_at_rest() < LARGEST_SHARE_AT_REST * none.error:
             return small
         nearest = f"{best.hypothesis.cause} {best.hypothesis.where}".strip()
         words = f"No hypothesis explains the difference; the nearest ({nearest}) leaves {left:.2g} of it."
         return Diagnosis(cause="unknown", evidence=words)
     effect = search.decision.effect(best)
-    if effect >= FLOORS or (to_digits(best) and (certain or (left < 1.0 / FLOORS and none.error >= SMALL))):
+    if effect >= LEAST_EFFECT_FLOORS or (
+        to_digits(best) and (certain or (left < 1.0 / LEAST_EFFECT_FLOORS and none.error >= ERROR_OF_UNKNOWN_METHOD))
+    ):
         return None
-    if none.error < SMALL:
+    if none.error < ERROR_OF_UNKNOWN_METHOD:
         return small
-    return Diagnosis(cause="unknown", evidence=f"The difference is {effect:.3g} floors, below {FLOORS:g}.")
+    return Diagnosis(cause="unknown", evidence=f"The difference is {effect:.3g} floors, below {LEAST_EFFECT_FLOORS:g}.")
 
 
 def _is_itself(fit: Fit) -> bool:
     """Return whether a fit is no other hypothesis with one parameter more, which is 0."""
     least = fit.hypothesis.least
-    return least == 0.0 or abs(float(fit.parameters[0])) > max(least * float(fit.deviation[0]), UNCHANGED)
+    return least == 0.0 or abs(float(fit.parameters[0])) > max(
+        least * float(fit.deviation[0]), LEAST_CHANGE_OF_EXPONENT
+    )
 
 
 def _is_factor(fit: Fit, cause: str) -> bool:

@@ -17,17 +17,17 @@ from dem_bridge.trajectory.trajectory import Floats
 
 #: multiple of what digits and reference explain above which an error counts for the order: a tenth of it at most is
 #: then another's, which changes an order from a step and its half by 0.15 at most
-ABOVE_FLOOR = 10.0
+LEAST_MULTIPLE_OF_FLOOR = 10.0
 #: multiple of the same above which the errors of the coarsest file show a shape, along which others are measured
-SHAPE = 3.0
+LEAST_MULTIPLE_WITH_SHAPE = 3.0
 #: errors that fall by less than this share of what those of first order do, from one time step to a finer one, do not
 #: follow the time step any more
-FLAT = 0.5
+LEAST_SHARE_OF_FIRST_ORDER = 0.5
 #: order of velocity-Verlet, and the largest uncertainty of an order that leaves a few per cent of the finest error to
 #: anything but the time step
-SECOND, CLEAN = 2.0, 0.05
+ORDER_OF_VERLET, LARGEST_UNCERTAINTY_OF_ORDER = 2.0, 0.05
 #: samples that all files need in common; with fewer the errors in the common interval of time are used
-COMMON = 8
+FEWEST_COMMON_SAMPLES = 8
 Rows = NDArray[np.int64]
 #: error and what digits and reference explain of it, for each file from the finest step on
 Errors = Sequence[tuple[float, float]]
@@ -75,7 +75,10 @@ class Convergence:
         order = self.order
         if order is None or len(order.steps) < max(3, len(self.dt)) or not math.isnan(self.flat):
             return False
-        return order.value - order.uncertainty > SECOND - CLEAN and order.uncertainty < CLEAN
+        return (
+            order.value - order.uncertainty > ORDER_OF_VERLET - LARGEST_UNCERTAINTY_OF_ORDER
+            and order.uncertainty < LARGEST_UNCERTAINTY_OF_ORDER
+        )
 
 
 def convergence(files: Sequence[FileErrors]) -> tuple[Convergence, ...]:
@@ -116,7 +119,7 @@ def _common_rows(times: Sequence[Floats], names: Sequence[str]) -> list[Rows]:
     same = np.all([np.abs(time[rows] - finest) <= width for time, rows in zip(times, near, strict=True)], axis=0)
     # the start has no error
     same &= finest > 0.0
-    if np.count_nonzero(same) >= COMMON:
+    if np.count_nonzero(same) >= FEWEST_COMMON_SAMPLES:
         return [rows[same] for rows in near]
     return [np.flatnonzero((time >= start) & (time <= end) & (time > 0.0)) for time in times]
 
@@ -134,7 +137,7 @@ def _convergence(
         samples.append((part.error[chosen][:, place], part.explained[chosen][:, place]))
     whole = [(_root_mean_square(error), _root_mean_square(limit)) for error, limit in samples]
     shape, measured = samples[-1][0], whole
-    if len({error.shape for error, _ in samples}) == 1 and whole[-1][0] > SHAPE * whole[-1][1]:
+    if len({error.shape for error, _ in samples}) == 1 and whole[-1][0] > LEAST_MULTIPLE_WITH_SHAPE * whole[-1][1]:
         measured = [_along(shape, error, limit, parts[0].reference_uncertainty) for error, limit in samples]
     dt = tuple(step for step, _ in with_step)
     first, flat = _first_that_follows(dt, measured, whole)
@@ -166,12 +169,14 @@ def _along(shape: Floats, error: Floats, explained: Floats, reference: float) ->
 def _first_that_follows(dt: Sequence[float], measured: Errors, whole: Errors) -> tuple[int, bool]:
     """Return the first file, from the finest step on, whose error follows the step, and True if finer ones are flat.
 
-    Errors are flat if they do not fall although coarser ones do, and if digits do not explain that; see :data:`FLAT`.
+    Errors are flat if they do not fall although coarser ones do, and if digits do not explain that;
+    see :data:`LEAST_SHARE_OF_FIRST_ORDER`.
     """
-    clear = [error > ABOVE_FLOOR * limit for error, limit in measured]
+    clear = [error > LEAST_MULTIPLE_OF_FLOOR * limit for error, limit in measured]
     first = next((place for place in range(len(clear)) if all(clear[place:])), len(clear))
     falls = [
-        coarse > fine * (1.0 + FLAT * (step / finer - 1.0)) or fine <= SHAPE * limit
+        coarse > fine * (1.0 + LEAST_SHARE_OF_FIRST_ORDER * (step / finer - 1.0))
+        or fine <= LEAST_MULTIPLE_WITH_SHAPE * limit
         for (finer, step), ((fine, limit), (coarse, _)) in zip(pairwise(dt), pairwise(whole), strict=True)
     ]
     if True not in falls:
@@ -187,7 +192,7 @@ def _order(dt: Sequence[float], measured: Errors, whole: Errors) -> Order | None
     errors = [error for error, _ in measured]
     fit = observed_order(dt, errors)
     others = [observed_order(*pair).order for pair in zip(pairwise(dt), pairwise(errors), strict=True)]
-    if all(error > ABOVE_FLOOR * limit for error, limit in whole):
+    if all(error > LEAST_MULTIPLE_OF_FLOOR * limit for error, limit in whole):
         others.append(observed_order(dt, [error for error, _ in whole]).order)
     unknown = math.hypot(*(limit / error for error, limit in measured)) / math.log(dt[-1] / dt[0])
     return Order(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.judging.fitting import SEARCH, Data
+from dem_bridge.judging.fitting import TOLERANCE_OF_SEARCH, Data
 from dem_bridge.judging.hypotheses import Variant
 from dem_bridge.judging.model import system_of
 from dem_bridge.scene.file import load_scene, shipped_scenes
@@ -20,13 +20,13 @@ from dem_bridge.scene.scene import Scene
 Floats = NDArray[np.float64]
 
 #: change of momentum, in units of the noise of the velocities, that their digits explain
-EXPLAINED = 3.0
+LARGEST_MOMENTUM_NOISES = 3.0
 #: the next combination of masses changes so many times more: else they are not determined
-DETERMINED = 30.0
+LEAST_MULTIPLE_OF_NEXT = 30.0
 #: bodies with other masses from which the scene is another one, and the least relative difference
-BODIES, DIFFERENT = 3, 1e-3
+FEWEST_OTHER_MASSES, LEAST_DIFFERENCE_OF_MASS = 3, 1e-3
 #: part of the difference from the scene that a shipped scene leaves, and its largest error relative to the scale
-LEFT, SAME_MOTION = 0.1, 0.05
+LARGEST_SHARE_OF_OTHER_SCENE, LARGEST_ERROR_OF_OTHER_SCENE = 0.1, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class OtherMasses:
     @property
     def differing(self) -> list[int]:
         """Bodies with another mass."""
-        return np.flatnonzero(np.abs(self.ratio - 1.0) > DIFFERENT).tolist()
+        return np.flatnonzero(np.abs(self.ratio - 1.0) > LEAST_DIFFERENCE_OF_MASS).tolist()
 
     def words(self) -> str:
         """Return the three largest differences in words."""
@@ -64,11 +64,18 @@ def other_masses(scene: Scene, data: Data) -> OtherMasses | None:
     noise = np.sqrt(2.0 * np.sum((block.sigma[1:] * mass) ** 2, axis=1))[:, None]
     moved = np.max(np.abs(change), axis=0) > 1e-6 * block.scale
     weighted = change[:, moved] * mass[moved] / noise
-    if np.sqrt(np.mean(np.sum(weighted, axis=1) ** 2)) < EXPLAINED or np.count_nonzero(moved) < BODIES:
+    if (
+        np.sqrt(np.mean(np.sum(weighted, axis=1) ** 2)) < LARGEST_MOMENTUM_NOISES
+        or np.count_nonzero(moved) < FEWEST_OTHER_MASSES
+    ):
         return None
     _, sizes, combinations = np.linalg.svd(weighted, full_matrices=False)
     least, ratio = sizes / np.sqrt(len(weighted)), combinations[-1] * np.sqrt(len(combinations))
-    if len(sizes) < len(ratio) or least[-1] > EXPLAINED or least[-2] < DETERMINED * max(least[-1], 1.0):
+    if (
+        len(sizes) < len(ratio)
+        or least[-1] > LARGEST_MOMENTUM_NOISES
+        or least[-2] < LEAST_MULTIPLE_OF_NEXT * max(least[-1], 1.0)
+    ):
         return None
     ratio = ratio / np.median(ratio)
     if np.any(ratio <= 0.0):
@@ -90,7 +97,9 @@ def shipped_scene(scene: Scene, data: Data, error: float) -> tuple[str, float] |
         if other.n_body != scene.n_body or other.law is not None or other.content_hash == scene.content_hash:
             continue
         motion = Variant(system_of(other))
-        size = float(np.max(data.errors(data.predict(motion, len(data.time), SEARCH))))
-        if size < min(SAME_MOTION, LEFT * error) and (best is None or size < best[1]):
+        size = float(np.max(data.errors(data.predict(motion, len(data.time), TOLERANCE_OF_SEARCH))))
+        if size < min(LARGEST_ERROR_OF_OTHER_SCENE, LARGEST_SHARE_OF_OTHER_SCENE * error) and (
+            best is None or size < best[1]
+        ):
             best = name, size
     return best

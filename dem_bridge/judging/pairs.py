@@ -20,13 +20,13 @@ from dem_bridge.judging.search import Candidate, Search
 Floats = NDArray[np.float64]
 
 #: single faults around which a second one is looked for in a window, pairs that are fitted, and those fitted at last
-FIRSTS, FITTED, FINALISTS = 6, 10, 4
+MOST_FIRST_FAULTS, MOST_PAIRS_FITTED, MOST_PAIRS_FITTED_BY_ALL = 6, 10, 4
 #: part of the difference that a pair may leave in a window, and times what the best pair leaves
-LEFT, WORSE = 0.5, 30.0
+LARGEST_SHARE_LEFT_BY_PAIR, LARGEST_MULTIPLE_OF_BEST_PAIR = 0.5, 30.0
 #: pairs that leave so many times what the best leaves are fitted at last by their simplicity
-ALIKE = 3.0
+MULTIPLE_OF_EQUAL_PAIRS = 3.0
 #: standard deviations by which each parameter of a pair differs from that of the scene
-SURE = 5.0
+DEVIATIONS_FROM_SCENE = 5.0
 #: numbers of a system whose changes are multiplied; those of all others are added
 FACTORS = ("mass", "stiffness", "damping", "velocity")
 TERMS = ("free", "exponent", "gap", "damping_power", "pull_off", "drag")
@@ -51,7 +51,7 @@ class Pair:
 
     def sure(self, fit: Fit) -> bool:
         """Return True if each of the two differs from the scene."""
-        return all(not h.size or abs(float(p[0])) > SURE * float(d[0]) for h, p, d in self.parts(fit))
+        return all(not h.size or abs(float(p[0])) > DEVIATIONS_FROM_SCENE * float(d[0]) for h, p, d in self.parts(fit))
 
 
 def fit_pairs(search: Search) -> list[tuple[Pair, Fit]]:
@@ -124,7 +124,7 @@ def _finalists(search: Search) -> list[tuple[Pair, Floats]]:
     ranked_in = {windows[0], windows[min(2, len(windows) - 1)], windows[len(windows) // 2]}
     for rows in windows:
         if rows in ranked_in:
-            kept += sorted(_ranked(search, rows), key=lambda item: item[0])[:FITTED]
+            kept += sorted(_ranked(search, rows), key=lambda item: item[0])[:MOST_PAIRS_FITTED]
         extra = 1e-3 * float(np.max(search.errors[:rows]))
         start = float(np.sqrt(np.mean(search.fitter.residual(search.base, rows, extra) ** 2)))
         fitted: dict[frozenset[tuple[str, ...]], tuple[float, Pair, Floats]] = {}
@@ -134,11 +134,13 @@ def _finalists(search: Search) -> list[tuple[Pair, Floats]]:
             if name not in fitted or rms / start < fitted[name][0]:
                 fitted[name] = (rms / start, pair, p)
         ordered = sorted(fitted.values(), key=lambda item: item[0])
-        limit = min(LEFT, max(WORSE * ordered[0][0], 0.1)) if ordered else 0.0
-        kept = [item for item in ordered if item[0] < limit][:FITTED]
+        limit = (
+            min(LARGEST_SHARE_LEFT_BY_PAIR, max(LARGEST_MULTIPLE_OF_BEST_PAIR * ordered[0][0], 0.1)) if ordered else 0.0
+        )
+        kept = [item for item in ordered if item[0] < limit][:MOST_PAIRS_FITTED]
     least_left = min((left for left, _, _ in kept), default=0.0)
-    kept.sort(key=lambda item: (item[0] > ALIKE * least_left, _complexity(item[1]), item[0]))
-    last = [(pair, p) for _, pair, p in kept[:FINALISTS]]
+    kept.sort(key=lambda item: (item[0] > MULTIPLE_OF_EQUAL_PAIRS * least_left, _complexity(item[1]), item[0]))
+    last = [(pair, p) for _, pair, p in kept[:MOST_PAIRS_FITTED_BY_ALL]]
     return [*last, *_with_other_factors(search, last)]
 
 
@@ -185,7 +187,7 @@ def _firsts(ranked: list[Candidate]) -> list[Candidate]:
     kept = list[Candidate]()
     for candidate in ranked:
         same = sum(other.hypothesis.cause == candidate.hypothesis.cause for other in kept)
-        if candidate.hypothesis.nameable and same < 2 and len(kept) < FIRSTS:
+        if candidate.hypothesis.nameable and same < 2 and len(kept) < MOST_FIRST_FAULTS:
             kept.append(candidate)
     return kept
 

@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.judging import kernels
-from dem_bridge.judging.fitting import MOST_STEPS, SEARCH, Data
+from dem_bridge.judging.fitting import MOST_STEPS_OF_METHOD, TOLERANCE_OF_SEARCH, Data
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
 
 Floats = NDArray[np.float64]
 
 #: powers of ten by which times or values may be off
-POWERS = tuple(k for k in range(-9, 10) if k != 0)
+POWERS_OF_UNITS = tuple(k for k in range(-9, 10) if k != 0)
 #: names of the quantities of a file in sentences
 WORDS = ("velocities", "displacements", "forces")
 #: bodies whose order is examined, and values that are compared for it
-MOST_ORDERED, MOST_COMPARED = 500, 10_000_000
+MOST_BODIES_TO_ORDER, MOST_VALUES_TO_ORDER = 500, 10_000_000
 #: part of the squared difference that another order of bodies may leave to be examined
-ORDERED = 0.5
+LARGEST_SHARE_OF_OTHER_ORDER = 0.5
 
 
 def sample_hypotheses(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
@@ -77,10 +77,14 @@ def _other_orders(data: Data) -> Iterator[Hypothesis]:
 
     base, n, rows = data.model.system, data.model.scene.n_body, len(data.time)
     blocks = [block for block in data.blocks if block.quantity < 2]
-    if not blocks or n > MOST_ORDERED or any(list(block.columns) != list(blocks[0].columns) for block in blocks):
+    if (
+        not blocks
+        or n > MOST_BODIES_TO_ORDER
+        or any(list(block.columns) != list(blocks[0].columns) for block in blocks)
+    ):
         return
-    bodies, motion = blocks[0].columns, data.motion(Variant(base), rows, SEARCH, None)[0]
-    own, every = np.arange(len(bodies)), -(-rows * n * n // MOST_COMPARED)
+    bodies, motion = blocks[0].columns, data.motion(Variant(base), rows, TOLERANCE_OF_SEARCH, None)[0]
+    own, every = np.arange(len(bodies)), -(-rows * n * n // MOST_VALUES_TO_ORDER)
     for sign in (1.0, -1.0):
         misfit = np.zeros((len(bodies), n))
         for block in blocks:
@@ -92,7 +96,7 @@ def _other_orders(data: Data) -> Iterator[Hypothesis]:
         misfit[own, bodies] -= 1e-9 * whole / n
         places = linear_sum_assignment(misfit)[1]
         moved_bodies = np.flatnonzero(places != bodies)
-        if not len(moved_bodies) or float(np.sum(misfit[own, places])) > ORDERED * whole:
+        if not len(moved_bodies) or float(np.sum(misfit[own, places])) > LARGEST_SHARE_OF_OTHER_ORDER * whole:
             continue
         order = np.full(n, -1)
         order[bodies] = places
@@ -154,7 +158,7 @@ def _units(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
     """Yield the powers of ten by which times, and the values of each quantity, may be off."""
     base, rows = data.model.system, len(data.time)
     end, whole = float(data.time[-1]), data.model.scene.duration
-    for power in (0, *POWERS):
+    for power in (0, *POWERS_OF_UNITS):
         scale = 10.0**power
         if power != 0 and not 1e-3 * whole < end * scale < 3.0 * whole:
             continue
@@ -177,7 +181,7 @@ def half_steps(data: Data, first_step: float) -> Iterator[Hypothesis]:
     """Yield velocities of half steps and methods of first order, at the step of the file or at one to be fitted."""
     base, dt, unit = data.model.system, data.dt, data.interval
     end = float(data.time[-1])
-    if dt is not None and end / dt > 10 * MOST_STEPS:
+    if dt is not None and end / dt > 10 * MOST_STEPS_OF_METHOD:
         return
     kinds: list[tuple[str, int, float, str]] = [
         ("half-step-velocity", kernels.VERLET, 0.5, "Velocities are those of half a step before the times of the file"),
@@ -202,7 +206,7 @@ def half_steps(data: Data, first_step: float) -> Iterator[Hypothesis]:
             f"{words} (dt = {{0:.6g}} s, fitted).",
             ((start,), (-1.4,), (-2.3,), (-3.4,), (-4.6,)),
             value=lambda p: unit * math.exp(p),
-            bounds=(math.log(min(5.0 * end / MOST_STEPS, unit) / unit), 0.0),
+            bounds=(math.log(min(5.0 * end / MOST_STEPS_OF_METHOD, unit) / unit), 0.0),
             probe=start,
             logarithmic=True,
             reach=20.0,

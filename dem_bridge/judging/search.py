@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.judging.decision import Decision
-from dem_bridge.judging.fitting import DECISION, SEARCH, Data, Fit, Fitter, least
+from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, TOLERANCE_OF_SEARCH, Data, Fit, Fitter, least
 from dem_bridge.judging.hypotheses import LOG_STARTS, Changes, Hypothesis, Variant, common_factor, global_hypotheses
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.samples import half_steps, sample_hypotheses
@@ -23,17 +23,17 @@ from dem_bridge.scene.scene import Scene
 Floats = NDArray[np.float64]
 
 #: difference relative to the scale of a quantity up to which it counts as linear in its cause
-LINEAR = 0.1
+LARGEST_LINEAR_DIFFERENCE = 0.1
 #: masses and stiffnesses of single bodies and contacts that are fitted after the linear ranking
-PLACES = 4
+MOST_PLACES_FITTED = 4
 #: hypotheses that are fitted in the first window, and by all samples
-FITTED, FINALISTS = 24, 6
+MOST_FITTED_IN_WINDOW, MOST_FITTED_BY_ALL = 24, 6
 #: ... and of one cause
-SAME = 4
+MOST_FITTED_OF_CAUSE = 4
 #: part of the samples in the first window
-SHORTEST = 40
+FEWEST_SAMPLES_OF_WINDOW = 40
 #: part of the scene's own residual that a hypothesis may leave to be fitted further
-LEFT = 0.6
+LARGEST_RESIDUAL_SHARE = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,22 +61,22 @@ class Search:
         """Fits to the file, which no right file needs."""
         size = float(np.max(self.errors))
         # the model errs by up to ten thousand tolerances of its steps, where bodies collide often
-        tolerance = SEARCH if size > 1e-2 else DECISION if size < 1e-4 else 1e-11
+        tolerance = TOLERANCE_OF_SEARCH if size > 1e-2 else TOLERANCE_OF_DECISION if size < 1e-4 else 1e-11
         return Fitter(self.data, self.decision.time_step_error(), tolerance)
 
     def effect(self, variant: Variant) -> float:
         """Return the largest change by a variant relative to the scale of a quantity."""
-        changes = self.data.largest(self.data.predict(variant, self.rows, DECISION), self.exact)
+        changes = self.data.largest(self.data.predict(variant, self.rows, TOLERANCE_OF_DECISION), self.exact)
         return max(change / block.scale for change, block in zip(changes, self.data.blocks, strict=True))
 
     # ------------------------------------------------------------------ ranking
     def windows(self) -> list[int]:
         """Return numbers of samples: until the difference is no longer linear in its cause, and twice as many each."""
-        over = np.flatnonzero(self.errors > LINEAR)
+        over = np.flatnonzero(self.errors > LARGEST_LINEAR_DIFFERENCE)
         # time-step errors are below a fiftieth of an effect that can be named
         first = int(np.flatnonzero(self.errors >= min(1e-2, 0.05 * float(np.max(self.errors))))[0])
         linear = int(over[0]) + 1 - first if len(over) else self.rows
-        length, windows = max(min(linear, self.rows // SHORTEST), 8), []
+        length, windows = max(min(linear, self.rows // FEWEST_SAMPLES_OF_WINDOW), 8), []
         while first + length < self.rows:
             windows.append(first + length)
             length *= 2
@@ -89,7 +89,7 @@ class Search:
         size = math.sqrt(float(np.sum(start**2)))
         # methods of other codes have a time-step error of their own
         whole = self.data.residual([value[:rows] for value in self.exact], extra)
-        large = float(np.max(self.errors[:rows])) > LINEAR
+        large = float(np.max(self.errors[:rows])) > LARGEST_LINEAR_DIFFERENCE
 
         def first(hypothesis: Hypothesis) -> Candidate:
             best = Candidate(hypothesis, np.array(hypothesis.starts[0]), math.inf)
@@ -149,7 +149,7 @@ class Search:
             for k, place in enumerate(change.places())
         ]
         kinds = (masses, stiffnesses, missed, self._positions(change))
-        return [candidate.hypothesis for kind in kinds for candidate in self.rank(kind, rows)[:PLACES]]
+        return [candidate.hypothesis for kind in kinds for candidate in self.rank(kind, rows)[:MOST_PLACES_FITTED]]
 
     def _positions(self, change: Changes) -> list[Hypothesis]:
         """Return other gaps of single contacts, and other places of single bodies between two contacts."""
@@ -207,7 +207,7 @@ class Search:
             for candidate in ranked:
                 same = [other for other in kept if other.hypothesis.cause == candidate.hypothesis.cause]
                 again = any(_alike(other, candidate) for other in same)
-                if len(same) < SAME and len(kept) < FITTED and not again:
+                if len(same) < MOST_FITTED_OF_CAUSE and len(kept) < MOST_FITTED_IN_WINDOW and not again:
                     kept.append(candidate)
         for rows in windows:
             extra = 1e-3 * float(np.max(self.errors[:rows]))
@@ -219,14 +219,16 @@ class Search:
             fitted.sort(key=lambda candidate: candidate.left)
             least = fitted[0].left if fitted else 0.0
             kept = [
-                candidate for candidate in fitted if candidate.left < LEFT and candidate.left < max(30.0 * least, 0.1)
+                candidate
+                for candidate in fitted
+                if candidate.left < LARGEST_RESIDUAL_SHARE and candidate.left < max(30.0 * least, 0.1)
             ]
         return kept
 
     def fits(self) -> list[Fit]:
         """Return the last fits of the finalists, those that leave least first."""
         fits = list[Fit]()
-        for candidate in self.finalists()[:FINALISTS]:
+        for candidate in self.finalists()[:MOST_FITTED_BY_ALL]:
             best = min(fits, key=lambda fit: fit.rms, default=None)
             fits.append(self.decision.decide(candidate.hypothesis, candidate.parameters, best))
         return sorted(fits, key=lambda fit: fit.rms)

@@ -17,14 +17,14 @@ from dem_bridge.report.texts import Texts
 
 TEXTS = Texts("judge", "dem_bridge.judging")
 #: largest distance of an observed order from a whole number that counts as this order, beside its uncertainty
-NEAR = 0.15
+LARGEST_DISTANCE_FROM_WHOLE_ORDER = 0.15
 #: width of a line, of the names before the texts, and the most lines of a short answer
-WIDTH, NAMES, MOST_LINES = 80, 14, 15
+COLUMNS, COLUMNS_OF_NAMES, MOST_LINES = 80, 14, 15
 #: alternatives of a short answer, and the names that it leaves out first
 MOST_ALTERNATIVES = 2
 LESS_NEEDED = ("floor", "unseen", "cause", "divergence", "displacement", "contact force")
 #: part of an error from which its uncertainty is shown
-UNCERTAIN = 0.02
+LEAST_SHOWN_UNCERTAINTY = 0.02
 #: where the evidence goes over from what is claimed to what is left of the difference
 _LEAVES = re.compile(r"(?<=\.) (?=(?:It leaves|With it a run leaves|Together they leave) )")
 
@@ -41,8 +41,11 @@ def text_of(judgement: Judgement, *, every: bool = False) -> str:
 
 def _block(name: str, text: str) -> list[str]:
     """Return a name and its text in lines whose words are whole."""
-    wrapped = textwrap.wrap(text, WIDTH - NAMES, break_long_words=False, break_on_hyphens=False) or [""]
-    return [f"{head:{NAMES}}{line}" for head, line in zip([name, *[""] * (len(wrapped) - 1)], wrapped, strict=True)]
+    wrapped = textwrap.wrap(text, COLUMNS - COLUMNS_OF_NAMES, break_long_words=False, break_on_hyphens=False) or [""]
+    return [
+        f"{head:{COLUMNS_OF_NAMES}}{line}"
+        for head, line in zip([name, *[""] * (len(wrapped) - 1)], wrapped, strict=True)
+    ]
 
 
 def lines(judgement: Judgement, *, every: bool = True) -> Iterator[tuple[str, str]]:
@@ -105,7 +108,7 @@ def two_digits(value: float) -> str:
 
 def _error_text(file: FileErrors, part: QuantityErrors) -> str:
     """Return the largest error of a quantity, where it is, and its uncertainty if that is felt."""
-    uncertain = part.scale == 0.0 or part.uncertainty > UNCERTAIN * part.value
+    uncertain = part.scale == 0.0 or part.uncertainty > LEAST_SHOWN_UNCERTAINTY * part.value
     numbers = {
         "error": f"{two_digits(part.value)} {part.unit}",
         "uncertainty": f" +- {part.uncertainty:.0e} {part.unit}" if uncertain else "",
@@ -219,7 +222,9 @@ def _meaning(orders: Mapping[str, Mapping[str, float]]) -> str:
 
     def near(name: str, value: float) -> bool:
         order = orders.get(name)
-        return order is not None and abs(order["value"] - value) <= max(NEAR, order["uncertainty"])
+        return order is not None and abs(order["value"] - value) <= max(
+            LARGEST_DISTANCE_FROM_WHOLE_ORDER, order["uncertainty"]
+        )
 
     if near("velocity", 1.0) and near("displacement", 2.0):
         return "half_step"

@@ -10,13 +10,13 @@ from dem_bridge.judging.fitting import Block, Data
 Floats = NDArray[np.float64]
 
 #: fewest different values of a body from which a grid is recognised
-FEWEST = 20
+FEWEST_VALUES_OF_GRID = 20
 #: part of a spacing of single precision that the digits of a file must resolve
-RESOLVED = 0.25
+LARGEST_ROUNDING_SHARE = 0.25
 #: part of the values that are on a grid: those of the start may not have been rounded yet
-NEARLY_ALL = 0.95
+LEAST_SHARE_ON_GRID = 0.95
 #: powers of two that are tried as the spacing of positions, m
-SPACINGS = tuple(2.0**-k for k in range(18, 44))
+SPACINGS_TRIED_M = tuple(2.0**-k for k in range(18, 44))
 
 
 def on_single_grid(data: Data) -> bool:
@@ -27,7 +27,7 @@ def on_single_grid(data: Data) -> bool:
     """
     for block in data.blocks:
         columns = [_column(block, column) for column in range(block.values.shape[1])]
-        moved = [(values, digits) for values, digits in columns if len(np.unique(values)) >= FEWEST]
+        moved = [(values, digits) for values, digits in columns if len(np.unique(values)) >= FEWEST_VALUES_OF_GRID]
         singles = [_are_singles(values, digits) for values, digits in moved]
         if singles and all(singles):
             return True
@@ -50,13 +50,13 @@ def _are_singles(values: Floats, digits: Floats) -> bool:
     away = np.abs(values - values.astype(np.float32).astype(np.float64))
     half = 0.5 * np.spacing(np.abs(values).astype(np.float32)).astype(np.float64)
     exactly = away <= 2.0**-50 * np.abs(values)
-    resolved = digits < RESOLVED * half
+    resolved = digits < LARGEST_ROUNDING_SHARE * half
     on_grid = exactly | (resolved & (away <= 1.1 * digits))
-    return bool(np.mean(on_grid) > NEARLY_ALL)
+    return bool(np.mean(on_grid) > LEAST_SHARE_ON_GRID)
 
 
 def _on_grid(values: Floats, digits: Floats) -> bool:
     """Return whether displacements are multiples of a power of two much larger than their digits."""
-    least, most = float(np.max(digits)) / RESOLVED, 0.01 * float(np.ptp(values))
-    remainders = (np.abs(values - q * np.rint(values / q)) for q in SPACINGS if least < q < most)
-    return any(np.mean(remainder <= 1.1 * digits) > NEARLY_ALL for remainder in remainders)
+    least, most = float(np.max(digits)) / LARGEST_ROUNDING_SHARE, 0.01 * float(np.ptp(values))
+    remainders = (np.abs(values - q * np.rint(values / q)) for q in SPACINGS_TRIED_M if least < q < most)
+    return any(np.mean(remainder <= 1.1 * digits) > LEAST_SHARE_ON_GRID for remainder in remainders)

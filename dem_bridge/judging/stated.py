@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,9 @@ from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Floats
 
 #: largest relative difference of factors on stiffnesses that are equal, or have one pattern
-SAME = 1e-6
+LARGEST_DIFFERENCE_OF_FACTORS = 1e-6
 #: roundings of a file by which its first sample differs from the scene's start
-APART = 3.0
+ROUNDINGS_FROM_START = 3.0
 Numbers = Sequence[float] | float | Floats
 
 
@@ -91,7 +92,7 @@ def _first_velocities(scene: Scene, record: Record) -> dict[str, Any]:
         if name not in record.values or record.time[0] > record.rounding["time"][0]:
             continue
         columns, first = list(record.columns[name]), record.values[name][0]
-        apart = np.abs(first - values[columns]) > APART * record.rounding[name][0]
+        apart = np.abs(first - values[columns]) > ROUNDINGS_FROM_START * record.rounding[name][0]
         if np.any(apart):
             values[columns] = np.where(apart, first, values[columns])
             stated["start" if name == "displacement" else name] = tuple(values.tolist())
@@ -106,7 +107,7 @@ def _of_bodies(scene: Scene, stated: Mapping[str, Any]) -> Iterator[Statement]:
     if "velocity" in stated:
         velocity, own = np.array(stated["velocity"]), np.array(scene.velocity)
         words, where = _differing("starts at {} m/s", velocity, own)
-        reversed_sign = bool(np.any(own)) and np.allclose(velocity, -own, rtol=SAME, atol=0.0)
+        reversed_sign = bool(np.any(own)) and np.allclose(velocity, -own, rtol=LARGEST_DIFFERENCE_OF_FACTORS, atol=0.0)
         cause, where = ("sign", "") if reversed_sign else ("start-velocity", where)
         yield Statement(cause=cause, words=words, where=where, changes={"velocity": stated["velocity"]})
     if "start" in stated:
@@ -123,9 +124,13 @@ def _differing(text: str, values: Numbers, own: Numbers, kind: str = "body") -> 
     first, second = np.broadcast_arrays(np.asarray(values, dtype=float), np.asarray(own, dtype=float))
     gap = np.abs(first - second)
     place = int(np.argmax(gap))
-    alone = np.count_nonzero(gap > SAME * gap[place]) == 1
+    alone = np.count_nonzero(gap > LARGEST_DIFFERENCE_OF_FACTORS * gap[place]) == 1
     words = f"{kind} {place} {text.format(f'{first[place]:.9g}')}, in the scene {second[place]:.9g}"
-    if not alone and np.all(second != 0.0) and np.ptp(ratio := first / second) <= SAME * abs(ratio[0]):
+    if (
+        not alone
+        and np.all(second != 0.0)
+        and np.ptp(ratio := first / second) <= LARGEST_DIFFERENCE_OF_FACTORS * abs(ratio[0])
+    ):
         words = f"{words}, and all others differ by the same factor of {ratio[0]:.6g}"
     elif not alone:
         words = f"{words}, and others differ less"
@@ -141,8 +146,9 @@ def _of_stiffness(scene: Scene, stated: Mapping[str, Any]) -> Iterator[Statement
         return
     ratio = np.array(stated["stiffness"]) / np.array(scene.stiffness)
     words, where = _differing("has a stiffness of {} N/m^(n-1)", stated["stiffness"], scene.stiffness, "contact")
-    uniform = float(np.ptp(ratio)) <= SAME * float(ratio[0])
-    whole = [getattr(scene, name) is None or math.isclose(factors.get(name, 1.0), ratio[0], rel_tol=SAME)
+    uniform = float(np.ptp(ratio)) <= LARGEST_DIFFERENCE_OF_FACTORS * float(ratio[0])
+    near = partial(math.isclose, ratio[0], rel_tol=LARGEST_DIFFERENCE_OF_FACTORS)
+    whole = [getattr(scene, name) is None or near(factors.get(name, 1.0))
              for name in ("wall_left", "wall_right")]  # fmt: skip
     changes = {"stiffness": stated["stiffness"]}
     cause = "stiffness"
@@ -158,7 +164,7 @@ def _of_stiffness(scene: Scene, stated: Mapping[str, Any]) -> Iterator[Statement
 def _alike(ratio: Floats, pattern: Floats) -> bool:
     """Return whether factors have a pattern."""
     relative = ratio / pattern
-    return float(np.ptp(relative)) <= SAME * float(np.max(relative))
+    return float(np.ptp(relative)) <= LARGEST_DIFFERENCE_OF_FACTORS * float(np.max(relative))
 
 
 def _wall_factor(own: Wall | None, wall: Wall | None) -> float:

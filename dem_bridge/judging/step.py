@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.judging import kernels
 from dem_bridge.judging.decision import Decision
-from dem_bridge.judging.fitting import DECISION, MOST_STEPS, Fit, Stepping
+from dem_bridge.judging.fitting import MOST_STEPS_OF_METHOD, TOLERANCE_OF_DECISION, Fit, Stepping
 from dem_bridge.judging.model import Model, resolving_step
 from dem_bridge.scene.scene import Scene
 
@@ -24,9 +24,9 @@ Floats = NDArray[np.float64]
 #: relative errors for which the largest step is told
 ACCURACIES = (1e-2, 1e-3, 1e-4)
 #: steps that are tried, each twice or half of the one before, and the error above which a step resolves nothing
-ROUNDS, UNRESOLVED = 16, 0.3
+MOST_DOUBLINGS_OF_STEP, LEAST_UNRESOLVED_ERROR = 16, 0.3
 #: part of a step at which the error was too large that is tried next, and how often
-SMALLER, TRIALS = 0.95, 12
+SHARE_OF_COARSE_STEP, MOST_TRIALS_OF_STEP = 0.95, 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,7 +151,7 @@ def predict_step_error(
     model = Model(scene)
     times = np.linspace(0.0, scene.duration, scene.samples + 1) if times is None else times
     name = quantity.rsplit("_", maxsplit=1)[-1]
-    exact = getattr(model.exact(model.system, times, DECISION), name)
+    exact = getattr(model.exact(model.system, times, TOLERANCE_OF_DECISION), name)
     scale, end = float(np.max(np.abs(exact))), float(times[-1])
     if not scale > 0.0:
         return None
@@ -164,7 +164,12 @@ def predict_step_error(
 
     known = {} if dt is None else {dt: error_at(dt)}
     return _curve(
-        error_at, known or {resolving_step(model, end, MOST_STEPS): math.nan}, dt, accuracies, end=end, stated=True
+        error_at,
+        known or {resolving_step(model, end, MOST_STEPS_OF_METHOD): math.nan},
+        dt,
+        accuracies,
+        end=end,
+        stated=True,
     )
 
 
@@ -180,7 +185,7 @@ def step_error(decision: Decision, fit: Fit, accuracies: Iterable[float] = ACCUR
     def error_at(step: float) -> float:
         variant = fit.hypothesis.make(fit.parameters)
         with np.errstate(all="ignore"):
-            stepped = data.predict(variant, decision.rows, DECISION, Stepping(method, step))
+            stepped = data.predict(variant, decision.rows, TOLERANCE_OF_DECISION, Stepping(method, step))
         error = data.largest(stepped, decision.exact)[0] / data.blocks[0].scale
         return error if math.isfinite(error) else math.inf
 
@@ -202,9 +207,9 @@ def _curve(
     (start,) = errors
     for factor in (2.0, 0.5) if accuracies else ():
         step = start
-        for _ in range(ROUNDS):
+        for _ in range(MOST_DOUBLINGS_OF_STEP):
             enough = errors[step] > accuracies[-1] if factor > 1.0 else errors[step] < accuracies[0]
-            if enough or not errors[step] > 0.0 or end / (factor * step) > MOST_STEPS:
+            if enough or not errors[step] > 0.0 or end / (factor * step) > MOST_STEPS_OF_METHOD:
                 break
             step *= factor
             errors[step] = error_at(step)
@@ -212,7 +217,7 @@ def _curve(
     return StepError(
         dt=dt,
         stated=stated,
-        curve=tuple(pair for pair in sorted(errors.items()) if 0.0 < pair[1] < UNRESOLVED or pair[0] == dt),
+        curve=tuple(pair for pair in sorted(errors.items()) if 0.0 < pair[1] < LEAST_UNRESOLVED_ERROR or pair[0] == dt),
         largest={accuracy: step for accuracy, step in tried.items() if math.isfinite(step)},
     )
 
@@ -222,16 +227,16 @@ def _approach(error_at: Callable[[float], float], errors: dict[float, float], ac
 
     The errors of the steps that are tried are added; nan: there is none, or a run would be too long.
     """
-    curve = tuple(pair for pair in sorted(errors.items()) if 0.0 < pair[1] < UNRESOLVED)
+    curve = tuple(pair for pair in sorted(errors.items()) if 0.0 < pair[1] < LEAST_UNRESOLVED_ERROR)
     step = StepError(dt=None, stated=True, curve=curve).largest_for(accuracy)
-    for _ in range(TRIALS):
-        if not end / MOST_STEPS <= step <= end:
+    for _ in range(MOST_TRIALS_OF_STEP):
+        if not end / MOST_STEPS_OF_METHOD <= step <= end:
             break
         step = _two_digits_below(step)
         errors[step] = error_at(step)
         if errors[step] <= accuracy:
             return step
-        step *= SMALLER
+        step *= SHARE_OF_COARSE_STEP
     return math.nan
 
 

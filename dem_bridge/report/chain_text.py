@@ -20,11 +20,11 @@ from dem_bridge.trajectory.trajectory import Floats, Trajectory
 _BARS, _BARS_ASCII = "▁▂▃▄▅▆▇█", "_.-=+*%#"
 _SHADES, _SHADES_ASCII = "░▒▓█", ".+%#"
 #: width of the headings of rows, and number of rows of a map
-_HEAD, _ROWS = 11, 16
+_COLUMNS_OF_HEADINGS, _ROWS_OF_MAP = 11, 16
 #: part of the largest speed below which a body is shown at rest
-_AT_REST = 0.02
+_SHARE_OF_SPEED_AT_REST = 0.02
 #: largest number of characters of a body
-_WIDEST = 4
+_MOST_CHARACTERS_OF_BODY = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,9 +38,9 @@ class Canvas:
 
     def columns(self, n_body: int) -> list[Sequence[int]]:
         """Return the bodies of each column; a body may have several columns, and a column several bodies."""
-        room = self.width - _HEAD - 2
+        room = self.width - _COLUMNS_OF_HEADINGS - 2
         if n_body <= room:
-            wide = min(_WIDEST, room // n_body)
+            wide = min(_MOST_CHARACTERS_OF_BODY, room // n_body)
             return [(body,) for body in range(n_body) for _ in range(wide)]
         edges = np.linspace(0, n_body, room + 1).round().astype(int).tolist()
         return [range(first, last) for first, last in pairwise(edges)]
@@ -66,9 +66,9 @@ def chain_lines(scene: Scene, canvas: Canvas) -> list[str]:
     lines = []
     for name, values, columns, unit in rows if joined else rows[:1]:
         bars = _bars(values, [bodies for bodies in columns if bodies], canvas.blocks)
-        lines += _beside(f"{name:{_HEAD}}{bars}", spread(values.tolist(), unit), canvas.width)
+        lines += _beside(f"{name:{_COLUMNS_OF_HEADINGS}}{bars}", spread(values.tolist(), unit), canvas.width)
     if walls := [side for side in ("left", "right") if getattr(scene, f"wall_{side}") is not None]:
-        lines.append(f"{'walls':{_HEAD}}{' and '.join(walls)}")
+        lines.append(f"{'walls':{_COLUMNS_OF_HEADINGS}}{' and '.join(walls)}")
     return lines
 
 
@@ -87,15 +87,15 @@ def motion_lines(run: Trajectory, canvas: Canvas, until: float | None = None) ->
     speeds, places = np.abs(run.velocity), canvas.columns(run.velocity.shape[1])
     largest = float(np.nanmax(speeds, initial=0.0))
     end = _end_of_front(run) if until is None else until
-    rows = np.unique(np.searchsorted(run.time, np.linspace(0.0, end, _ROWS)).clip(max=len(run.time) - 1))
+    rows = np.unique(np.searchsorted(run.time, np.linspace(0.0, end, _ROWS_OF_MAP)).clip(max=len(run.time) - 1))
     shades = _SHADES if canvas.blocks else _SHADES_ASCII
     last = str(run.velocity.shape[1] - 1) if run.velocity.shape[1] > 1 else ""
-    lines = [f"{'time':{_HEAD}}body 0{last:>{max(2, len(places) - 5)}}".rstrip()]
+    lines = [f"{'time':{_COLUMNS_OF_HEADINGS}}body 0{last:>{max(2, len(places) - 5)}}".rstrip()]
     for row in rows.tolist():
         cells = "".join(_shade(max(speeds[row, list(bodies)]), largest, shades) for bodies in places)
-        lines.append(f"{quantity(float(run.time[row]), 's'):>{_HEAD - 2}} |{cells}|")
+        lines.append(f"{quantity(float(run.time[row]), 's'):>{_COLUMNS_OF_HEADINGS - 2}} |{cells}|")
     steps = (f"{shade} {quantity(largest * (k + 1) / len(shades), 'm/s', 2)}" for k, shade in enumerate(shades))
-    return [*lines, f"{'speed up to':{_HEAD}} {', '.join(steps)}"]
+    return [*lines, f"{'speed up to':{_COLUMNS_OF_HEADINGS}} {', '.join(steps)}"]
 
 
 def front_sentences(run: Trajectory) -> list[str]:
@@ -131,11 +131,11 @@ def _bars(values: Floats, columns: Sequence[Sequence[int]], blocks: bool) -> str
 def _beside(line: str, text: str, width: int) -> list[str]:
     """Return a line with a text behind it, or below it where both are too wide."""
     together = f"{line}  {text}"
-    return [together] if len(together) <= width else [line, f"{'':{_HEAD}}{text}"]
+    return [together] if len(together) <= width else [line, f"{'':{_COLUMNS_OF_HEADINGS}}{text}"]
 
 
 def _shade(speed: float, largest: float, shades: str) -> str:
     """Return the character of a speed."""
-    if not speed > _AT_REST * largest:
+    if not speed > _SHARE_OF_SPEED_AT_REST * largest:
         return " "
     return shades[min(int(speed / largest * len(shades)), len(shades) - 1)]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Svg = TypeVar("Svg", str, str | None)
 #: resolution of the maps in a picture, dots per inch
-_DPI = 110
+_DOTS_PER_INCH = 110
 #: colours of a picture that a dark page replaces, and the names of these colours in style.css
 _THEMED = {"#000000": "ink", "#ffffff": "paper", "#0072b2": "blue", "#7f7f7f": "grey", "#c8c8c8": "pale"}
 
@@ -65,7 +65,7 @@ def svg_of(figure: Figure) -> str:
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "dem_bridge", "path.simplify_threshold": 0.3}):
         metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         boxes = panel_boxes(fix_layout(figure))
-        figure.savefig(text, format="svg", dpi=_DPI, transparent=True, metadata=metadata)
+        figure.savefig(text, format="svg", dpi=_DOTS_PER_INCH, transparent=True, metadata=metadata)
     svg = text.getvalue()
     svg = _shortened(svg[svg.index("<svg") :])
     places = " ".join(",".join(f"{value:.0f}" for value in box) for box in boxes)

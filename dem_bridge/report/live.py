@@ -22,17 +22,17 @@ from dem_bridge.report.study import Map, Panel
 from dem_bridge.trajectory.trajectory import Floats
 
 #: most times of a chain that are kept, and most values of all chains of a page: these have 270 kB as text
-MOST_TIMES, MOST_VALUES = 300, 100_000
+MOST_TIMES_OF_MAP, MOST_VALUES_OF_MAP = 300, 100_000
 #: largest 16-bit integer; the script reads -32768 as "no value"
-_FULL = 32767
+_LARGEST_SCALED_VALUE = 32767
 #: fewest values of a chain with which it is worth playing
 _LEAST_TIMES = 40
 #: power of ten below which the least value of a scale of errors is round-off
 _ROUND_OFF = -9
 #: least end of a scale of colours, relative to the other, that is not drawn as zero
-_UNSEEN = 1e-3
+_LARGEST_UNSEEN_SHARE = 1e-3
 #: most ticks of an axis
-_TICKS = 5
+_MOST_TICKS = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,7 +66,7 @@ class Tick(NamedTuple):
     place: float
 
 
-def shown_chains(chains: Iterable[Chain], most: int = MOST_VALUES) -> list[dict[str, Any]]:
+def shown_chains(chains: Iterable[Chain], most: int = MOST_VALUES_OF_MAP) -> list[dict[str, Any]]:
     """Return what the template needs of each chain; those beyond ``most`` values in all are shown without data.
 
     >>> wave = Chain(id="a", title="a", caption="", time=np.array([0.0, 1e-4]), velocity=np.eye(2))
@@ -77,9 +77,9 @@ def shown_chains(chains: Iterable[Chain], most: int = MOST_VALUES) -> list[dict[
     shown, left = [], most
     for chain in chains:
         n = chain.velocity.shape[1]
-        times = min(MOST_TIMES, left // n, len(chain.time))
+        times = min(MOST_TIMES_OF_MAP, left // n, len(chain.time))
         plays = times >= min(_LEAST_TIMES, len(chain.time))
-        picked = _thinned(chain, times if plays else min(MOST_TIMES, len(chain.time)))
+        picked = _thinned(chain, times if plays else min(MOST_TIMES_OF_MAP, len(chain.time)))
         left -= len(picked.time) * n * plays
         shown.append(_shown(picked, plays))
     return shown
@@ -138,7 +138,7 @@ def _limits(chain: Chain) -> tuple[float, float, str]:
     numbers = np.arange(float(chain.velocity.shape[1]))
     values = Map(label="", x=numbers, y=chain.time, values=chain.velocity, diverging=chain.signed)
     low, high, extend = colour_limits([values])
-    return (0.0 if abs(low) < _UNSEEN * high else low), high, extend
+    return (0.0 if abs(low) < _LARGEST_UNSEEN_SHARE * high else low), high, extend
 
 
 def _image(chain: Chain, low: float, high: float, colours: Sequence[str]) -> str:
@@ -198,9 +198,9 @@ def _numbers(first: int, count: int) -> list[int]:
     ([1, 10, 20, 30, 40], [0, 1, 2])
     """
     last = first + count - 1
-    if count <= 2 * _TICKS:
+    if count <= 2 * _MOST_TICKS:
         return list(range(first, last + 1))
-    step = next(s * 10**p for p in range(9) for s in (1, 2, 5) if count <= _TICKS * s * 10**p)
+    step = next(s * 10**p for p in range(9) for s in (1, 2, 5) if count <= _MOST_TICKS * s * 10**p)
     step = 10 if step == 8 else step
     inner = [k for k in range(0, last + 1, step) if k > first + 0.4 * step and k < last - 0.4 * step]
     return [first, *inner, last]
@@ -212,15 +212,17 @@ def _ticks(low: float, high: float) -> list[Tick]:
     >>> _ticks(0.0, 0.55)[1:3]
     [Tick(name='0.2', place=36.36), Tick(name='0.4', place=72.73)]
     """
-    step = 10.0 ** math.floor(math.log10((high - low) / _TICKS))
-    step *= next(factor for factor in (1, 2, 5, 10) if (high - low) / (factor * step) <= _TICKS)
+    step = 10.0 ** math.floor(math.log10((high - low) / _MOST_TICKS))
+    step *= next(factor for factor in (1, 2, 5, 10) if (high - low) / (factor * step) <= _MOST_TICKS)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return [Tick(f"{k * step:.6g}", round(100.0 * (k * step - low) / (high - low), 2)) for k in range(first, last + 1)]
 
 
 def _packed(values: Floats) -> str:
     """Return values from -1 to 1 as 16-bit integers, base64."""
-    whole = np.where(np.isfinite(values), np.rint(_FULL * np.nan_to_num(values)), -_FULL - 1).astype("<i2")
+    whole = np.where(
+        np.isfinite(values), np.rint(_LARGEST_SCALED_VALUE * np.nan_to_num(values)), -_LARGEST_SCALED_VALUE - 1
+    ).astype("<i2")
     return base64.b64encode(whole.tobytes()).decode("ascii")
 
 

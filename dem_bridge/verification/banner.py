@@ -26,9 +26,9 @@ TEXTS = Texts("banner", "dem_bridge.verification")
 #: accuracies for which the step is said, the finest last
 ACCURACIES = (1e-2, 1e-3, 1e-4)
 #: largest factor by which a step may be coarser than the coarsest one that was run, so that it is said without "about"
-_NEAR = 1.5
+_LARGEST_FACTOR_WITHOUT_ABOUT = 1.5
 #: largest factor by which a step may differ from all that were run to be said at all
-_FAR = 64.0
+_LARGEST_FACTOR_OF_STEP = 64.0
 #: outcomes of checks that can pass or fail, the worst first
 _JUDGED = (Outcome.BROKEN, Outcome.FAIL, Outcome.UNDECIDED, Outcome.PASS)
 #: part of a budget -> cause of the failures that it explains
@@ -167,9 +167,9 @@ def _interpolated(refinement: Refinement, order: int, accuracy: float) -> tuple[
             return fine * (coarse / fine) ** share, True
     dt, error = levels[0] if levels[0][1] <= accuracy else levels[-1]
     step = dt * (accuracy / error) ** (1.0 / order)
-    if not 1.0 / _FAR <= step / dt <= _FAR:
+    if not 1.0 / _LARGEST_FACTOR_OF_STEP <= step / dt <= _LARGEST_FACTOR_OF_STEP:
         return None
-    return step, 1.0 / _NEAR <= step / dt <= _NEAR
+    return step, 1.0 / _LARGEST_FACTOR_WITHOUT_ABOUT <= step / dt <= _LARGEST_FACTOR_WITHOUT_ABOUT
 
 
 def _groups(study: SceneStudy, judged: Sequence[Verdict], accuracy: float) -> Iterator[Group]:

@@ -19,7 +19,7 @@ from dem_bridge.verification.reference import REFERENCE, SCIPY
 from dem_bridge.verification.roles import THEORY
 
 #: most bodies or contacts that are drawn as lines
-FEW = 7
+MOST_LINES_DRAWN = 7
 #: arrival of the front at each body by a run
 ARRIVAL = OBSERVABLES["arrival"].value
 
@@ -48,7 +48,7 @@ def chains_of(study: SceneStudy) -> list[Chain]:
     if shown is None:
         return []
     scene = study.scene
-    few = scene.n_body <= FEW
+    few = scene.n_body <= MOST_LINES_DRAWN
     first = 0 if few or scene.drive is not None else 1
     end = float(shown.time[-1]) if few else time_after_front(shown)
     rows = max(2, int(np.searchsorted(shown.time, end, side="right")))

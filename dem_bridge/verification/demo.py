@@ -26,15 +26,15 @@ from dem_bridge.verification.reference import REFERENCE
 from dem_bridge.verification.roles import TWIN
 
 #: the shipped scene that is solved, and the time step of LAMMPS, s
-SCENE, STEP = "tapered-backward", 1e-7
+SCENE, STEP_OF_LAMMPS_S = "tapered-backward", 1e-7
 #: steps of the twin, s, the coarsest first; STEP is one of them
-STEPS = (2e-6, 1e-6, 5e-7, 2e-7, 1e-7, 5e-8, 2e-8)
+STEPS_OF_TWIN_S = (2e-6, 1e-6, 5e-7, 2e-7, 1e-7, 5e-8, 2e-8)
 #: accuracies, relative to the largest velocity, for which a step is named
 ACCURACIES = (1e-3, 1e-5)
 #: backend of LAMMPS
 ENGINE = "lammps-granular"
 #: part of the error of LAMMPS that its difference from the twin may be where the step is the cause
-_EXPLAINED = 0.1
+_LARGEST_SHARE_UNEXPLAINED = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,9 +87,9 @@ def demonstrate(engine: Engine | None = None, tell: Callable[[float, int, str], 
         If there is no LAMMPS on this machine.
     """
     scene, cache = load_scene(SCENE), RunCache()
-    steps: list[tuple[str, str, float | None]] = [(f"LAMMPS solves {SCENE}", ENGINE, STEP)]
+    steps: list[tuple[str, str, float | None]] = [(f"LAMMPS solves {SCENE}", ENGINE, STEP_OF_LAMMPS_S)]
     steps += [("the reference solution", REFERENCE, None)]
-    steps += [(f"the twin at dt = {dt:g} s", TWIN, dt) for dt in STEPS]
+    steps += [(f"the twin at dt = {dt:g} s", TWIN, dt) for dt in STEPS_OF_TWIN_S]
     runs = []
     for done, (label, backend, dt) in enumerate(steps):
         if tell is not None:
@@ -107,7 +107,9 @@ def demonstrate(engine: Engine | None = None, tell: Callable[[float, int, str], 
         tell(len(steps), len(steps) + 1, "the page")
     lammps, reference, *twins = runs
     return study_of(
-        Demonstration(scene=scene, lammps=lammps, reference=reference, twins=dict(zip(STEPS, twins, strict=True)))
+        Demonstration(
+            scene=scene, lammps=lammps, reference=reference, twins=dict(zip(STEPS_OF_TWIN_S, twins, strict=True))
+        )
     )
 
 
@@ -125,7 +127,7 @@ def study_of(demo: Demonstration) -> Study:
             f" its own uncertainty is {demo.reference.uncertainty['velocity'] / demo.scale:.0e}.",
             "The twin is an independent implementation of the algorithm of LAMMPS (velocity-Verlet). Where it has the"
             " same error, the algorithm and its time step cause it, and not the code.",
-            f"The steps are the largest of the {len(STEPS)} in the table whose error is within the accuracy.",
+            f"The steps are the largest of the {len(STEPS_OF_TWIN_S)} in the table whose error is within the accuracy.",
             f"A verification does this for your chain, with all checks: dem-bridge verify {SCENE} -o report/",
         ),
         provenance={"lammps": demo.lammps.provenance.get("lammps", {}), "versions": demo.lammps.provenance["versions"]},
@@ -136,17 +138,19 @@ def _answer(demo: Demonstration) -> tuple[str, ...]:
     """Return a line each for the chain, the error, its cause, and the steps that serve."""
     scene, lammps = demo.scene, demo.lammps
     error = float(demo.differences(lammps, demo.reference).max())
-    rest = float(demo.differences(lammps, demo.twins[STEP]).max())
+    rest = float(demo.differences(lammps, demo.twins[STEP_OF_LAMMPS_S]).max())
     version = str(lammps.provenance["lammps"]["version"])
     release = datetime.strptime(version, "%Y%m%d").strftime("%d %b %Y").lstrip("0")
     cause = "the time step; a second code with this step has the same error"
-    if rest > _EXPLAINED * error:
-        cause = f"unknown; a second code with this step has an error of {demo.errors[STEP]:.1e}, and differs"
+    if rest > _LARGEST_SHARE_UNEXPLAINED * error:
+        cause = (
+            f"unknown; a second code with this step has an error of {demo.errors[STEP_OF_LAMMPS_S]:.1e}, and differs"
+        )
     served = [(f"{accuracy:.0e}".replace("e-0", "e-"), demo.largest_step(accuracy)) for accuracy in ACCURACIES]
     steps = [f"{dt:g} s for an error below {accuracy}" if dt else f"none for {accuracy}" for accuracy, dt in served]
     return (
         f"Chain: {scene.n_body} {body_noun(scene)}s, the first at {max(scene.velocity):g} m/s;"
-        f" LAMMPS {release}, step {STEP:g} s.",
+        f" LAMMPS {release}, step {STEP_OF_LAMMPS_S:g} s.",
         f"Error: LAMMPS' velocities are wrong by at most {error:.1e} of the largest.",
         f"Cause: {cause} to {rest:.0e}.",
         f"Step:  {', '.join(steps)}.",
@@ -158,8 +162,8 @@ def _motion(demo: Demonstration) -> FigureData:
     run, end = demo.lammps, demo.scene.duration
     pairs = (
         ("LAMMPS - reference", "line/0/1", demo.lammps, demo.reference),
-        ("twin - reference", "line/6/2", demo.twins[STEP], demo.reference),
-        ("LAMMPS - twin: round-off", "line/1/0", demo.lammps, demo.twins[STEP]),
+        ("twin - reference", "line/6/2", demo.twins[STEP_OF_LAMMPS_S], demo.reference),
+        ("LAMMPS - twin: round-off", "line/1/0", demo.lammps, demo.twins[STEP_OF_LAMMPS_S]),
     )
     series = []
     for label, style, first, second in pairs:
@@ -175,7 +179,7 @@ def _motion(demo: Demonstration) -> FigureData:
         panels=(
             spacetime_panel(run, "velocity by LAMMPS", until=end, body=body_noun(demo.scene)),
             Panel(
-                title=f"error at a step of {STEP:g} s",
+                title=f"error at a step of {STEP_OF_LAMMPS_S:g} s",
                 x_label="time (ms)",
                 y_label="difference / largest velocity",
                 series=tuple(series),
@@ -205,7 +209,9 @@ def _convergence(demo: Demonstration) -> FigureData:
                 series=(
                     Series(label="order 2", style="guide", x=steps, y=guide),
                     Series(label="twin", style="nth/0/2", x=steps, y=errors),
-                    Series(label="LAMMPS", style="lammps-granular", x=np.array([STEP]), y=np.array([lammps])),
+                    Series(
+                        label="LAMMPS", style="lammps-granular", x=np.array([STEP_OF_LAMMPS_S]), y=np.array([lammps])
+                    ),
                 ),
             ),
         ),
@@ -214,7 +220,7 @@ def _convergence(demo: Demonstration) -> FigureData:
 
 def _steps(demo: Demonstration) -> Table:
     """Return the table of the steps that were tried."""
-    rows = tuple((dt, demo.errors[dt], float(demo.twins[dt].cost.steps)) for dt in STEPS)
+    rows = tuple((dt, demo.errors[dt], float(demo.twins[dt].cost.steps)) for dt in STEPS_OF_TWIN_S)
     return Table(
         id="demo-steps",
         title="Time steps and errors",

@@ -12,14 +12,14 @@ from dem_bridge.report.study import FigureData, Map, Panel, Series
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.chains import FEW, body_noun
+from dem_bridge.verification.chains import MOST_LINES_DRAWN, body_noun
 from dem_bridge.verification.closed_form import closed_form
 from dem_bridge.verification.figures import spacetime_panel
 from dem_bridge.verification.reference import REFERENCE
 from dem_bridge.verification.roles import THEORY
 
 #: forms of lines that differ in grey
-_FORMS = (0, 3, 4, 5)
+_FORMS_OF_LINES = (0, 3, 4, 5)
 
 
 def motion(studies: Sequence[SceneStudy]) -> Figure | None:
@@ -41,7 +41,7 @@ def motion_panels(study: SceneStudy) -> FigureData | None:
 def _velocities(study: SceneStudy, run: Trajectory) -> Panel:
     """Return v(t) of every body, or the map of many."""
     scene = study.scene
-    if scene.n_body > FEW:
+    if scene.n_body > MOST_LINES_DRAWN:
         theory = study.run(THEORY)
         fronts = {} if theory is None else {THEORY: theory}
         return spacetime_panel(run, "Velocity", fronts=fronts, first=0 if scene.drive else 1, body=body_noun(scene))
@@ -55,7 +55,7 @@ def _velocities(study: SceneStudy, run: Trajectory) -> Panel:
 def _forces(scene: Scene, run: Trajectory) -> Panel:
     """Return F(t) of every contact, or the map of many."""
     count = run.contact_force.shape[1]
-    if count > FEW:
+    if count > MOST_LINES_DRAWN:
         end = 1.15 * float(np.nanmax(run.crossing_time, initial=0.0)) or float(run.time[-1])
         rows = max(2, int(np.searchsorted(run.time, end, side="right")))
         forces = Map(
@@ -73,7 +73,7 @@ def _forces(scene: Scene, run: Trajectory) -> Panel:
 
 def _lines(names: Sequence[str], run: Trajectory, values: Floats) -> list[Series]:
     """Return a line over time for each column of ``values``."""
-    styles = [f"line/{k}/{_FORMS[k % len(_FORMS)]}" for k in range(len(names))]
+    styles = [f"line/{k}/{_FORMS_OF_LINES[k % len(_FORMS_OF_LINES)]}" for k in range(len(names))]
     x, columns = 1e3 * run.time, values.T
     return [Series(label=name, style=style, x=x, y=y) for name, style, y in zip(names, styles, columns, strict=True)]
 

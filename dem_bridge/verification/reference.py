@@ -17,7 +17,7 @@ from dem_bridge.scene.scene import Scene
 
 REFERENCE, SCIPY, BLANES_MOAN = "reference", "scipy", "blanes-moan"
 #: as a second reference, the method of Blanes & Moan takes steps that are finer than its default by this factor
-FINER = 8
+FACTOR_OF_SECOND_REFERENCE = 8
 #: uncertainty of scipy, relative to the largest velocity, where it was not estimated: its maximum over the shipped
 #: scenes
 SCIPY_UNCERTAINTY = 2e-10
@@ -48,4 +48,4 @@ def second_settings(scene: Scene, second: str, sampling: Sampling) -> Resolution
     """Return the settings of the second method: scipy has its own, and that of Blanes & Moan takes fine steps."""
     if second == SCIPY:
         return Resolution()
-    return Resolution(dt=default_step(scene, sampling, prescan_scene(scene), PHASE) / FINER)
+    return Resolution(dt=default_step(scene, sampling, prescan_scene(scene), PHASE) / FACTOR_OF_SECOND_REFERENCE)

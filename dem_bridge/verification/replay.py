@@ -18,9 +18,9 @@ from typing import Any
 
 #: allowed change of a difference, as a part of its tolerance: where a difference is round-off, its tolerance is three
 #: times the expected value, and another processor has another round-off of the same size
-WITHIN = 1.0 / 3.0
+LARGEST_CHANGE_OF_TOLERANCE = 1.0 / 3.0
 #: allowed relative change of a number without a tolerance
-ALMOST = 1e-6
+LARGEST_RELATIVE_CHANGE = 1e-6
 
 Record = dict[str, Any]
 _NUMBER = (int, float, type(None))
@@ -162,11 +162,15 @@ def _inputs(record: Record) -> dict[str, tuple[set[str], set[str]]]:
 
 def _is_same(old: Record, new: Record) -> bool:
     """Return True if outcome, difference and scale of a verdict are the same within their tolerances."""
-    allowed = WITHIN * old["tolerance"] if old["tolerance"] else ALMOST * abs(old["difference"] or 0.0)
+    allowed = (
+        LARGEST_CHANGE_OF_TOLERANCE * old["tolerance"]
+        if old["tolerance"]
+        else LARGEST_RELATIVE_CHANGE * abs(old["difference"] or 0.0)
+    )
     return (
         old["outcome"] == new["outcome"]
         and _near(old["difference"], new["difference"], allowed)
-        and _near(old["scale"], new["scale"], ALMOST * abs(old["scale"] or 0.0))
+        and _near(old["scale"], new["scale"], LARGEST_RELATIVE_CHANGE * abs(old["scale"] or 0.0))
     )
 
 
@@ -199,7 +203,9 @@ def _claims(before: Record, after: Record) -> Iterator[tuple[str, str]]:
         moved = [
             f"{a['name']} by {a['backend']} was {a['value']} and is {b['value']}"
             for a, b in zip(old["values"], new["values"], strict=False)
-            if not _near(a["value"], b["value"], (a["uncertainty"] or 0.0) + ALMOST * abs(a["value"] or 0.0))
+            if not _near(
+                a["value"], b["value"], (a["uncertainty"] or 0.0) + LARGEST_RELATIVE_CHANGE * abs(a["value"] or 0.0)
+            )
         ]
         same = old["outcome"] == new["outcome"] and len(old["values"]) == len(new["values"]) and not moved
         yield _word(same), "; ".join([f"{name}: {old['outcome']}, now {new['outcome']}", *moved])

@@ -36,7 +36,7 @@ TWIN, THEORY = "verlet", "bca"
 #: the name that verdicts give to the twin that keeps absolute positions, with the surrogate radius of the deck
 POSITIONAL = "verlet in positions"
 #: time steps of the refinement levels, in units of the main step
-REFINEMENT = (10.0, 5.0, 2.5, 1.25)
+STEPS_OF_REFINEMENT = (10.0, 5.0, 2.5, 1.25)
 
 Item = TypeVar("Item")
 Other = TypeVar("Other")
@@ -138,7 +138,7 @@ def list_cases(roles: Roles, main: Resolution, *, engine: Engine | None = None, 
     """
     assert main.dt is not None
     scene, sampling = roles.scene, Sampling(count=roles.scene.samples)
-    levels = [replace(main, dt=factor * main.dt) for factor in REFINEMENT if full]
+    levels = [replace(main, dt=factor * main.dt) for factor in STEPS_OF_REFINEMENT if full]
     tabled = replace(main, tables=roles.takes_tables)
     positional = replace(tabled, surrogate_radius=radius_after(prescan_scene(scene)))
 

@@ -109,7 +109,7 @@ def test_a_plan_without_steps_has_no_line_of_them(capsys: pytest.CaptureFixture[
 def test_a_long_table_is_named_and_an_interruption_is_said(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(terminal, "_MOST_ROWS", 2)
+    monkeypatch.setattr(terminal, "_MOST_ROWS_OF_TABLES", 2)
     table = Table(id="numbers", title="Numbers", caption="", columns=("x",), rows=((1.0,), (2.0,), (3.0,)))
     study = Study(id="small", title="", answer=(), tables=(table,), figures=(), interrupted=True)
     terminal.print_study(study, verbose=True)

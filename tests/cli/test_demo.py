@@ -13,7 +13,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.report.chain_text import Canvas, chain_lines, front_sentences, motion_lines
-from dem_bridge.verification.demo import ACCURACIES, STEP, STEPS, Demonstration, study_of
+from dem_bridge.verification.demo import ACCURACIES, STEP_OF_LAMMPS_S, STEPS_OF_TWIN_S, Demonstration, study_of
 from tests.helpers.command_line import PROGRAM, assert_one_line, run_here
 from tests.helpers.fake_runs import CHAIN
 
@@ -39,8 +39,8 @@ def test_the_demonstration_is_five_lines_and_a_page(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def demonstration() -> Demonstration:
     """The demonstration with the twin in place of LAMMPS."""
-    twins = {dt: db.solve(SCENE, backend="verlet", dt=dt, uncertainty=False) for dt in STEPS}
-    lammps = replace_provenance(twins[STEP], lammps={"version": 20250722})
+    twins = {dt: db.solve(SCENE, backend="verlet", dt=dt, uncertainty=False) for dt in STEPS_OF_TWIN_S}
+    lammps = replace_provenance(twins[STEP_OF_LAMMPS_S], lammps={"version": 20250722})
     return Demonstration(scene=SCENE, lammps=lammps, reference=db.solve(SCENE, backend="reference"), twins=twins)
 
 
@@ -54,7 +54,7 @@ def test_the_step_that_is_named_has_the_accuracy_and_the_next_has_not(demonstrat
     for accuracy in ACCURACIES:
         step = demonstration.largest_step(accuracy)
         assert step is not None
-        coarser = STEPS[STEPS.index(step) - 1]
+        coarser = STEPS_OF_TWIN_S[STEPS_OF_TWIN_S.index(step) - 1]
         assert demonstration.errors[step] <= accuracy < demonstration.errors[coarser]
     assert demonstration.largest_step(1e-12) is None
 

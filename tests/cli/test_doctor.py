@@ -168,7 +168,7 @@ def test_a_temporary_folder_that_cannot_be_written(tmp_path: Path, monkeypatch: 
 
 
 def test_a_disk_without_space(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "SPACE", 10**18)
+    monkeypatch.setattr(doctor, "LEAST_FREE_BYTES", 10**18)
     found = doctor.temporary_folder()
     assert not found.fine
     assert "set TMPDIR" in found.remedy

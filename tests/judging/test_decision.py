@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.judging import kernels
-from dem_bridge.judging.decision import DIVISORS
+from dem_bridge.judging.decision import STEPS_IN_INTERVAL
 from dem_bridge.judging.fitting import Fit, Stepping
 from dem_bridge.judging.hypotheses import Variant
 from dem_bridge.trajectory.trajectory import Floats
@@ -140,9 +140,9 @@ def tried(exact: float, other: Fit | None = None, *, error: float = 0.05, even: 
 
 
 def test_steps_of_all_methods_are_tried_where_a_hypothesis_is_promising() -> None:
-    assert (*range(1, 21), 25, 30, 40, 50, 64, 80, 100) == DIVISORS
+    assert (*range(1, 21), 25, 30, 40, 50, 64, 80, 100) == STEPS_IN_INTERVAL
     # the method of velocity Verlet's order is found from its error; RK4 from a list, at the best of which it is fitted
-    many, few = [*DIVISORS, 1], [*range(1, 21), 1]
+    many, few = [*STEPS_IN_INTERVAL, 1], [*range(1, 21), 1]
     assert tried(9.0, error=0.09).counts(RK4) == many
     # few steps only make a large error
     assert tried(9.0, error=0.1).counts(RK4) == few
@@ -156,7 +156,7 @@ def test_steps_of_all_methods_are_tried_where_a_hypothesis_is_promising() -> Non
     assert tried(30.0, rival(3.0)).counts(RK4) == []
     assert tried(45.0, rival(3.0)).counts(RK4) == []
     for method in (VERLET, DRIFT_FIRST):
-        assert set(DIVISORS) <= {*tried(9.0).counts(method)}
+        assert set(STEPS_IN_INTERVAL) <= {*tried(9.0).counts(method)}
         # by its error alone: at the first step, which has none and is fitted, and at those nearby
         assert tried(9.0, even=False).counts(method) == [5, 5]
         assert tried(30.0, rival(3.0)).counts(method) == [5, 5, 4, 5, 6, 4]
@@ -170,7 +170,7 @@ def test_where_another_hypothesis_explains_a_file_its_method_and_step_are_those_
     assert file.counts(VERLET)[:2] == file.counts(DRIFT_FIRST)[:2] == [5, 5]
     assert tried(5.0, rival(1.1)).counts(RK4) == []
     for left in (1.2, 1.5):
-        assert tried(5.0, rival(left, step)).counts(RK4) == [*DIVISORS, 1]
+        assert tried(5.0, rival(left, step)).counts(RK4) == [*STEPS_IN_INTERVAL, 1]
 
 
 @pytest.mark.parametrize(
@@ -471,7 +471,7 @@ def of_counts(best: float) -> Any:
 def test_steps_of_a_list_and_then_those_between_are_tried(best: float, then: list[int]) -> None:
     file = SyntheticFile(of_counts(best), blocks=[block(np.zeros((2, 1)), scale=1e6)])
     fit = file.decision().decide(hypothesis(), NOTHING)
-    assert file.counts(RK4) == [*DIVISORS, *then]
+    assert file.counts(RK4) == [*STEPS_IN_INTERVAL, *then]
     assert fit.stepping is not None
     assert (fit.stepping.method, round(0.5 / fit.stepping.dt)) == (RK4, min(then, key=lambda count: abs(count - best)))
 

@@ -644,4 +644,4 @@ def test_default_steps_resolve_the_stiffest_contact(monkeypatch: pytest.MonkeyPa
         plant(monkeypatch, Seam.PRESCAN, lambda scene, f=frequency: SimpleNamespace(frequency=f))
         steps = [2e-5 / (count * factor) for factor in (1, 2, 4, 8)]
         assert foreign.default_steps(PAIR) == pytest.approx(steps)
-    assert foreign.TIME_LIMIT == 600.0
+    assert foreign.TIME_LIMIT_S == 600.0

@@ -11,7 +11,7 @@ import pytest
 
 from dem_bridge.formats.readers import Record
 from dem_bridge.judging.decision import Decision
-from dem_bridge.judging.fitting import MOST_STEPS, Data, Fit, Fitter, Stepping, least
+from dem_bridge.judging.fitting import MOST_STEPS_OF_METHOD, Data, Fit, Fitter, Stepping, least
 from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, global_hypotheses
 from dem_bridge.judging.kernels import KICK_EULER, RK4, VERLET, System
 from dem_bridge.judging.model import Model, system_of
@@ -409,7 +409,7 @@ def test_a_step_that_is_fitted_is_at_most_the_interval_of_the_samples() -> None:
         low, high = hypothesis.bounds
         assert hypothesis.value(high) == pytest.approx(data.interval)
         # at the smallest one a run takes as many steps as are allowed
-        assert data.time[-1] / hypothesis.value(low) < MOST_STEPS
+        assert data.time[-1] / hypothesis.value(low) < MOST_STEPS_OF_METHOD
         assert hypothesis.value(hypothesis.starts[0][0]) == pytest.approx(DT)
         variant = hypothesis.make(np.array([math.log(0.5)]))
         assert variant.dt == pytest.approx(0.5 * data.interval)

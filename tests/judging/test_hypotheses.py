@@ -14,7 +14,7 @@ import pytest
 from dem_bridge.judging import kernels
 from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, global_hypotheses
 from dem_bridge.judging.model import Model, system_of
-from dem_bridge.judging.samples import MOST_ORDERED, POWERS, half_steps, sample_hypotheses
+from dem_bridge.judging.samples import MOST_BODIES_TO_ORDER, POWERS_OF_UNITS, half_steps, sample_hypotheses
 from dem_bridge.scene.file import parse_scene
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from dem_bridge.trajectory.trajectory import Floats
@@ -331,7 +331,7 @@ def test_gravity_may_be_missing_or_that_of_the_earth(gravity: float, load: float
 # ---------------------------------------------------------------- how samples were written
 def data_of(
     *, end: float = 1.0, values: tuple[float, ...] = (), interval: float = 0.25, dt: float | None = None,
-    quantities: tuple[int, ...] = (0, 1, 2), n_body: int = MOST_ORDERED + 1,
+    quantities: tuple[int, ...] = (0, 1, 2), n_body: int = MOST_BODIES_TO_ORDER + 1,
 ) -> Any:  # fmt: skip
     """Return data of a scene of 1 s whose exact values are 0.1, -0.2 and one that is absent; ``values``: factors."""
     exact = np.array([0.1, -0.2, np.nan])
@@ -405,7 +405,7 @@ def test_times_may_be_in_units_in_which_the_scene_ends_with_the_file(end: float,
         scales = []
     assert [each.make(NOTHING).scale for each in yielded] == pytest.approx(scales)
     assert [each.evidence for each in yielded] == [f"Units: times by {scale:g} give SI." for scale in scales]
-    assert min(POWERS) == -9
+    assert min(POWERS_OF_UNITS) == -9
 
 
 @pytest.mark.parametrize(

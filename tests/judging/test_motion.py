@@ -93,7 +93,7 @@ def test_steps_are_limited_in_number_and_in_size(monkeypatch: pytest.MonkeyPatch
         calls.append(t)
         plain.py_func(t, *arguments)
 
-    monkeypatch.setattr(kernels, "MOST_STEPS", 3)
+    monkeypatch.setattr(kernels, "MOST_ADAPTIVE_STEPS", 3)
     monkeypatch.setattr(kernels, "accelerations", counted)
     times = np.array([0.0, 1e-4, 2e-4])
     kernels.adaptive.interpret(model.system, times, model.speed, 1e-6, *model._pair)
@@ -101,7 +101,7 @@ def test_steps_are_limited_in_number_and_in_size(monkeypatch: pytest.MonkeyPatch
     assert len(calls) == 1 + 3 * 12
     calls.clear()
     # a step is taken in spite of its error if it is 1e-13 of the end
-    monkeypatch.setattr(kernels, "MOST_STEPS", 2)
+    monkeypatch.setattr(kernels, "MOST_ADAPTIVE_STEPS", 2)
     small = model.system._replace(first_step=0.9e-13 * 2e-4)
     kernels.adaptive.interpret(small, times, model.speed, 1e-300, *model._pair)
     assert calls[13] == pytest.approx(0.9e-13 * 2e-4)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dem_bridge.report.live import MOST_TIMES, MOST_VALUES, Chain, error_scale_of, shown_chains
+from dem_bridge.report.live import MOST_TIMES_OF_MAP, MOST_VALUES_OF_MAP, Chain, error_scale_of, shown_chains
 from dem_bridge.report.study import Panel, Series
 
 TIME = np.linspace(0.0, 6e-4, 801)
@@ -24,7 +24,7 @@ def _values(data: dict[str, object]) -> np.ndarray:
 def test_data_are_the_samples_of_the_run_to_sixteen_bits() -> None:
     [shown] = shown_chains([CHAIN])
     values, times = _values(shown["data"]), np.array(shown["data"]["times"])
-    assert values.shape == (MOST_TIMES, 40)
+    assert values.shape == (MOST_TIMES_OF_MAP, 40)
     rows = [int(np.argmin(np.abs(1e3 * TIME - time))) for time in times]
     assert np.max(np.abs(1e3 * TIME[rows] - times)) < 1e-4
     assert np.max(np.abs(values - CHAIN.velocity[rows])) <= 0.51 * shown["data"]["scale"] / 32767
@@ -43,7 +43,7 @@ def test_all_chains_of_a_page_have_300_kb_at_most_and_those_beyond_are_shown_wit
     shown = shown_chains(wide)
     sizes = [len(one["data"]["values"]) if one["data"] else 0 for one in shown]
     assert sizes[0] > sizes[1] > sizes[2] == 0
-    assert 0.9 * MOST_VALUES * 8 / 3 < sum(sizes) < 2.7e5
+    assert 0.9 * MOST_VALUES_OF_MAP * 8 / 3 < sum(sizes) < 2.7e5
     assert all(one["image"].startswith("data:image/png;base64,") for one in shown)
 
 

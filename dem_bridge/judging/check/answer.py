@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 #: keys of a check, in their order
 KEYS = ("outcome", "law", "step", "engine", "plausibility", "advice")
 #: lines to write that the terminal shows
-MOST_LINES = 3
+MOST_LINES_TO_WRITE = 3
 #: outcomes of the parts in words
 _OF_LAW = {Outcome.PASS: "right", Outcome.FAIL: "wrong", Outcome.UNDECIDED: "undecided", Outcome.BROKEN: "not run"}
 _OF_STEP = {
@@ -166,7 +166,7 @@ class Check(KeyedAnswer):
     def lines(self, page: str = "") -> Iterator[tuple[str, str]]:
         """Yield at most eight lines as pairs of name and text; ``page`` is the path of the page, if there is one."""
         yield self.outcome, self.headline
-        lines, most = self.advice, MOST_LINES - bool(page)
+        lines, most = self.advice, MOST_LINES_TO_WRITE - bool(page)
         for place, line in enumerate(lines[:most]):
             more = f"  (and {len(lines) - most} more lines: --json)" if place == most - 1 and len(lines) > most else ""
             yield "write" if place == 0 else "", line + more

@@ -29,13 +29,15 @@ from dem_bridge.observables.verdict import Outcome
 from dem_bridge.scene.scene import Scene
 
 #: messages of LAMMPS on bodies that have left the box or have no place
-_LOST = re.compile(r"Lost atoms|Non-numeric|out of range atoms|no longer in the simulation box", re.IGNORECASE)
+_MESSAGES_ON_LOST_BODIES = re.compile(
+    r"Lost atoms|Non-numeric|out of range atoms|no longer in the simulation box", re.IGNORECASE
+)
 #: factors by which steps are shortened until LAMMPS loses no body
-_RESCUES = (4, 16, 64, 256)
+_FACTORS_OF_RESCUE = (4, 16, 64, 256)
 #: error of our code above which a step is beyond the stability limit
-_BEYOND = 0.1
+_LEAST_UNSTABLE_ERROR = 0.1
 #: a neighbour list that misses no contact
-_NEIGHBOURS = "neigh_modify delay 0 every 1 check yes"
+_NEIGHBOUR_LIST_COMMAND = "neigh_modify delay 0 every 1 check yes"
 
 #: callback that is told the expected time of a check, s; None where it cannot be known
 Announce = Callable[[float | None], None]
@@ -124,12 +126,12 @@ def _alone(lab: Laboratory, accuracy: float, finite: bool) -> StepAnswer:
 def _rescue(lab: Laboratory, message: str) -> int | None:
     """Return by what steps must be divided so that LAMMPS loses no body; None if its steps are not the reason."""
     dt = lab.subject.deck.dt
-    if not _LOST.search(message) or lab.problem or dt is None:
+    if not _MESSAGES_ON_LOST_BODIES.search(message) or lab.problem or dt is None:
         return None
     limit = lab.prescan
-    if limit is None or limit.frequency * dt / 2.0 < _BEYOND:
+    if limit is None or limit.frequency * dt / 2.0 < _LEAST_UNSTABLE_ERROR:
         return None
-    for factor in _RESCUES:
+    for factor in _FACTORS_OF_RESCUE:
         try:
             lab.lammps(factor)
         except (RunBroken, UsageError):
@@ -141,7 +143,7 @@ def _rescue(lab: Laboratory, message: str) -> int | None:
 def _broken(lab: Laboratory, message: str) -> str:
     """Return what LAMMPS said, and what that may mean."""
     hint = ""
-    if _LOST.search(message) and lab.subject.deck.last("boundary") is not None:
+    if _MESSAGES_ON_LOST_BODIES.search(message) and lab.subject.deck.last("boundary") is not None:
         hint = "; the step is not the reason: a body leaves the box (`boundary m m m` lets the box follow)"
     return f"LAMMPS stopped: {message.removeprefix('LAMMPS: ')}{hint}."
 
@@ -169,7 +171,7 @@ def _law_edits(subject: Subject, finding: Finding) -> tuple[Edit, ...]:
             for defect in defects_of(finding.version, commands):
                 new = defect.mended(new)
             if law.cause == "missed contacts" and raw.split()[:1] == ["neigh_modify"]:
-                new = _NEIGHBOURS
+                new = _NEIGHBOUR_LIST_COMMAND
             if new != raw:
                 edits[file, line] = Edit(file=file, line=line, new=new.strip())
     if law.cause == "mixing" and subject.deck.read is not None:

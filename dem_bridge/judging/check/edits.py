@@ -12,9 +12,9 @@ from dem_bridge.lmp.reader.deck import ReadScript
 from dem_bridge.lmp.reader.script import Command, logical_lines
 
 #: how much longer than the least a series of steps may be for a time step with fewer digits
-_LONGER = 1.35
+_LARGEST_MULTIPLE_OF_STEPS = 1.35
 #: relative difference of two durations that counts as round-off
-_SAME = 1e-9
+_ROUNDOFF_OF_DURATIONS = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,8 +102,8 @@ def only_steps(edits: Iterable[Edit]) -> tuple[Edit, ...]:
 def keeps_duration(before: ReadScript, after: ReadScript, factor: float) -> bool:
     """Return True if a changed script runs as long as before, in steps that are so many times shorter."""
     steps = zip(before.time_steps, after.time_steps, strict=False)
-    finer = all(math.isclose(new * factor, old, rel_tol=_SAME) for old, new in steps)
-    as_long = math.isclose(before.duration, after.duration, rel_tol=_SAME)
+    finer = all(math.isclose(new * factor, old, rel_tol=_ROUNDOFF_OF_DURATIONS) for old, new in steps)
+    as_long = math.isclose(before.duration, after.duration, rel_tol=_ROUNDOFF_OF_DURATIONS)
     return finer and as_long and len(before.time_steps) == len(after.time_steps)
 
 
@@ -118,7 +118,7 @@ def tidy_factor(step: float, least: float) -> int:
     first = max(1, math.ceil(least * (1.0 - 1e-12)))
     if first == 1:
         return 1
-    factors = range(first, max(first + 1, int(_LONGER * first)) + 1)
+    factors = range(first, max(first + 1, int(_LARGEST_MULTIPLE_OF_STEPS * first)) + 1)
     return min(factors, key=lambda factor: (len(f"{step / factor:.15e}".rstrip("0").split("e")[0].rstrip("0")), factor))
 
 

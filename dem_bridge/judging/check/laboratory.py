@@ -25,7 +25,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 
 #: samples at which velocities are compared, about
-SAMPLES = 400
+SAMPLES_COMPARED = 400
 #: runs of LAMMPS, of our velocity-Verlet code and of the reference that a check usually makes, for its cost
 _LAMMPS_STEPS, _TWIN_STEPS, _REFERENCE_RUNS = 5.0, 30.0, 7.0
 #: time, s, that starting LAMMPS and reading its dump takes in a check
@@ -82,7 +82,7 @@ class Laboratory:
     @property
     def every(self) -> int:
         """Steps of the script between two samples."""
-        return max(1, self.subject.deck.state.steps // SAMPLES)
+        return max(1, self.subject.deck.state.steps // SAMPLES_COMPARED)
 
     def lammps(self, factor: int = 1, *, dense: bool = False) -> LammpsRun:
         """Return the run of the script with steps so many times shorter, at the same times.
@@ -98,7 +98,7 @@ class Laboratory:
         UsageError
             If the steps of the script cannot be changed.
         """
-        every = max(1, self.subject.deck.state.steps * factor // SAMPLES) if dense else self.every * factor
+        every = max(1, self.subject.deck.state.steps * factor // SAMPLES_COMPARED) if dense else self.every * factor
         if (factor, every) not in self._lammps:
             self.say("LAMMPS" + (f" with steps {factor} times shorter" if factor > 1 else ""))
             changed = self.subject.finer(factor)
@@ -220,7 +220,7 @@ class Laboratory:
         """Return the error of velocity Verlet at a step, at many times between the samples, too; None if none acts."""
         assert self.scene is not None
         scene = self.sampled(self.scene)
-        times = np.linspace(0.0, scene.duration, max(scene.samples, SAMPLES) + 1)
+        times = np.linspace(0.0, scene.duration, max(scene.samples, SAMPLES_COMPARED) + 1)
         return predict_step_error(self.scene, dt, accuracies=accuracies, times=times)
 
     @cached_property

@@ -18,12 +18,12 @@ from dem_bridge.observables.verdict import Outcome
 
 #: relative difference of LAMMPS from our code at the same step that only round-off explains, and the multiple of what a
 #: particle radius changes that counts as round-off, too
-WITHIN, _TIMES = 1e-7, 20.0
+LARGEST_ROUNDOFF, _MULTIPLE_OF_RADIUS_CHANGE = 1e-7, 20.0
 #: how many times finer the steps are at which a difference is measured again, the part of it that must be gone then,
 #: and the largest that may be left
-_FINER, _LEFT, _MOST_LEFT = 4, 0.5, 0.03
+_FACTOR_OF_FINER_STEPS, _LARGEST_SHARE_LEFT, _LARGEST_LEFT = 4, 0.5, 0.03
 #: largest step, relative to the stability limit 2/omega, at which runs say something about a law
-_RESOLVED = 0.25
+_LARGEST_STEP_OF_LIMIT = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class LawAnswer:
     outcome: Outcome
     sentence: str
     difference: float = math.nan
-    allowed: float = WITHIN
+    allowed: float = LARGEST_ROUNDOFF
     cause: str = ""
     """What is wrong: name of a known defect, "missed contacts", "mixing", or a cause of ``judge``."""
 
@@ -94,7 +94,7 @@ def law_of(lab: Laboratory, factor: int = 1) -> LawAnswer:
         factor = max(factor, _resolving(lab, deck.dt))
         run = lab.lammps(factor)
     except UsageError as error:
-        return _unsure(name, math.inf, WITHIN, str(error))
+        return _unsure(name, math.inf, LARGEST_ROUNDOFF, str(error))
     if not run.finite:
         return _wrong(lab, run, math.inf)
     dt = deck.dt / factor
@@ -107,10 +107,10 @@ def law_of(lab: Laboratory, factor: int = 1) -> LawAnswer:
         said = f"{name}: LAMMPS and our code differ by {share(difference)} of the largest velocity at {step}."
         return LawAnswer(outcome=Outcome.PASS, sentence=said, difference=difference, allowed=allowed)
     try:
-        finer, allowed = _difference(lab, lab.lammps(_FINER * factor), dt / _FINER)
+        finer, allowed = _difference(lab, lab.lammps(_FACTOR_OF_FINER_STEPS * factor), dt / _FACTOR_OF_FINER_STEPS)
     except UsageError as error:
         return _unsure(name, difference, allowed, str(error))
-    if finer <= max(allowed, min(_LEFT * difference, _MOST_LEFT)):
+    if finer <= max(allowed, min(_LARGEST_SHARE_LEFT * difference, _LARGEST_LEFT)):
         said = f"{name}: the difference from our code falls with the step, from {share(difference)} to {share(finer)}."
         return LawAnswer(outcome=Outcome.PASS, sentence=said, difference=finer, allowed=allowed)
     return _wrong(lab, run, finer)
@@ -120,7 +120,7 @@ def _resolving(lab: Laboratory, dt: float) -> int:
     """Return by what to divide a step so that it resolves the contacts."""
     if lab.prescan is None or not lab.prescan.frequency > 0.0:
         return 1
-    return max(1, math.ceil(dt * lab.prescan.frequency / (2.0 * _RESOLVED)))
+    return max(1, math.ceil(dt * lab.prescan.frequency / (2.0 * _LARGEST_STEP_OF_LIMIT)))
 
 
 def law_by_steps(lab: Laboratory) -> LawAnswer:
@@ -130,10 +130,10 @@ def law_by_steps(lab: Laboratory) -> LawAnswer:
         return _wrong(lab, run, math.inf)
     name = law_name(lab.subject.deck)
     try:
-        errors = [lab.error(lab.lammps(factor).velocity) for factor in (1, 2, _FINER)]
+        errors = [lab.error(lab.lammps(factor).velocity) for factor in (1, 2, _FACTOR_OF_FINER_STEPS)]
     except UsageError as error:
-        return _unsure(name, lab.error(run.velocity), WITHIN, str(error))
-    if errors[2] <= max(_LEFT * errors[0], WITHIN):
+        return _unsure(name, lab.error(run.velocity), LARGEST_ROUNDOFF, str(error))
+    if errors[2] <= max(_LARGEST_SHARE_LEFT * errors[0], LARGEST_ROUNDOFF):
         sizes = ", ".join(map(share, errors))
         said = f"{name}: LAMMPS nears the reference with the step, {sizes} away at 1, 1/2 and 1/4 of it."
         return LawAnswer(outcome=Outcome.PASS, sentence=said, difference=errors[2])
@@ -152,7 +152,9 @@ def _difference(lab: Laboratory, run: LammpsRun, dt: float) -> tuple[float, floa
         round_off = float(np.max(np.abs(positional - plain))) / lab.speed
         nearest = min(float(np.max(apart)), float(np.max(np.abs(run.velocity[:rows] - plain[:rows, columns]))))
     difference = nearest / lab.speed
-    return difference if math.isfinite(difference) else math.inf, max(WITHIN, _TIMES * round_off)
+    return difference if math.isfinite(difference) else math.inf, max(
+        LARGEST_ROUNDOFF, _MULTIPLE_OF_RADIUS_CHANGE * round_off
+    )
 
 
 def _unsure(name: str, difference: float, allowed: float, why: str) -> LawAnswer:

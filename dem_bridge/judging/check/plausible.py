@@ -16,15 +16,15 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import contact_time_of
 
 #: largest overlap, relative to the radius of the smaller body, at which Hertz's law is a good one
-LARGEST_OVERLAP = 0.03
+LARGEST_OVERLAP_OF_RADIUS = 0.03
 #: largest step, relative to the shortest contact time, by the rule of thumb of DEM codes
-LARGEST_STEP = 0.05
+LARGEST_STEP_OF_CONTACT_TIME = 0.05
 #: densities of solids, kg/m^3: aerogels to osmium; Young's moduli, Pa: gels to diamond
-DENSITIES, MODULI = (1.0, 23_000.0), (1e3, 1.3e12)
+DENSITIES_KG_PER_M3, MODULI_PA = (1.0, 23_000.0), (1e3, 1.3e12)
 #: relative difference of a mixed stiffness from that of two springs in series that is worth a look
-LARGEST_MIXING = 0.05
+LARGEST_DIFFERENCE_OF_MIXING = 0.05
 #: part of the largest velocity below which a body has not moved
-AT_REST = 1e-6
+SHARE_OF_SPEED_AT_REST = 1e-6
 #: marks a deck whose radius this program chose
 _SURROGATE = "surrogate radius"
 
@@ -77,11 +77,15 @@ def _of_contacts(lab: Laboratory, scene: Scene, physical: bool) -> Iterator[Plau
         return
     if physical and prescan is not None and (radii := _radii(deck)):
         part = deepest / min(radii)
-        look = part > LARGEST_OVERLAP
+        look = part > LARGEST_OVERLAP_OF_RADIUS
         text = f"largest overlap {share(part)} of the radius"
         more = ", and Hertz's law holds for small ones (are stiffness, speed and units right?)" if look else ""
         yield Plausibility(
-            name="overlap", value=part, usual=f"up to {share(LARGEST_OVERLAP)}", look=look, sentence=text + more
+            name="overlap",
+            value=part,
+            usual=f"up to {share(LARGEST_OVERLAP_OF_RADIUS)}",
+            look=look,
+            sentence=text + more,
         )
     contact = contact_time_of(scene)
     if contact and deck.dt:
@@ -89,8 +93,8 @@ def _of_contacts(lab: Laboratory, scene: Scene, physical: bool) -> Iterator[Plau
         yield Plausibility(
             name="step",
             value=part,
-            usual=f"up to {share(LARGEST_STEP)} of the shortest contact",
-            look=part > LARGEST_STEP,
+            usual=f"up to {share(LARGEST_STEP_OF_CONTACT_TIME)} of the shortest contact",
+            look=part > LARGEST_STEP_OF_CONTACT_TIME,
             sentence=f"the step is {share(part)} of the shortest contact time, {number(contact)} s",
         )
     if physical and any(n == 2.0 for n in scene.contacts.exponent):
@@ -117,7 +121,7 @@ def _of_end(lab: Laboratory, scene: Scene) -> Iterator[Plausibility]:
     if lab.problem or scene.n_body < 3 or scene.gravity or scene.precompression:
         return
     velocity = lab.reference.values["velocity"]
-    moved = np.max(np.abs(velocity - velocity[0]), axis=0) > AT_REST * lab.speed
+    moved = np.max(np.abs(velocity - velocity[0]), axis=0) > SHARE_OF_SPEED_AT_REST * lab.speed
     if moved.any() and not moved.all():
         rest = f"{int(np.sum(~moved))} of {scene.n_body} bodies"
         text = f"{rest} have not moved when the run ends ({number(lab.times[-1])} s)"
@@ -136,8 +140,8 @@ def _of_material(deck: UserDeck) -> Iterator[Plausibility]:
         for atom in deck.state.particles.atoms.values()
         if atom.radius > 0.0 and not (atom.weighed and atom.density == 1.0)
     ]
-    if densities and not DENSITIES[0] <= min(densities) <= max(densities) <= DENSITIES[1]:
-        odd = next(value for value in densities if not DENSITIES[0] <= value <= DENSITIES[1])
+    if densities and not DENSITIES_KG_PER_M3[0] <= min(densities) <= max(densities) <= DENSITIES_KG_PER_M3[1]:
+        odd = next(value for value in densities if not DENSITIES_KG_PER_M3[0] <= value <= DENSITIES_KG_PER_M3[1])
         text = f"a density of {number(odd)} kg/m^3 in units {deck.state.units}: no solid has it (are the units right?)"
         yield Plausibility(name="density", value=odd, usual="100 to 23000 kg/m^3", look=True, sentence=text)
     pressure = mass / (length * time**2)
@@ -148,7 +152,7 @@ def _of_material(deck: UserDeck) -> Iterator[Plausibility]:
             modulus = float(words[model + 1]) * pressure
         except (IndexError, ValueError):
             continue
-        if modulus > 0.0 and not MODULI[0] <= modulus <= MODULI[1]:
+        if modulus > 0.0 and not MODULI_PA[0] <= modulus <= MODULI_PA[1]:
             text = f"a Young's modulus of {number(modulus)} Pa in units {deck.state.units} (are the units right?)"
             yield Plausibility(name="modulus", value=modulus, usual="1e3 to 1.3e12 Pa", look=True, sentence=text)
             return
@@ -165,7 +169,7 @@ def _of_mixing(deck: UserDeck) -> Iterator[Plausibility]:
         first, second = (_own_stiffness(deck, word) for word in words[1:3])
         mixed = float(words[4])
         series = 2.0 * first * second / (first + second) if first and second else math.nan
-        if abs(mixed / series - 1.0) > LARGEST_MIXING:
+        if abs(mixed / series - 1.0) > LARGEST_DIFFERENCE_OF_MIXING:
             said = f"types {words[1]} and {words[2]} have no pair_coeff: LAMMPS takes K = {number(mixed)}"
             said += f", the geometric mean; two springs in series have {number(series)}"
             yield Plausibility(name="mixing", value=mixed, usual=number(series), look=True, sentence=said)

@@ -18,19 +18,19 @@ from dem_bridge.trajectory.trajectory import Floats
 
 #: part of the accuracy that a step by LAMMPS alone aims at; steps finer than one to write by these factors must serve,
 #: too
-_AIM, _FINER = 0.85, (1.0, 1.31, 1.83)
+_SHARE_OF_ACCURACY_AIMED_AT, _FACTORS_THAT_MUST_SERVE = 0.85, (1.0, 1.31, 1.83)
 #: part of the accuracy for which the largest step is told, too
-_TENTH = 0.1
+_SHARE_OF_ACCURACY_TOLD_TOO = 0.1
 #: first step, of the stability limit, that is tried where the largest is not known
-_GUESS = 0.05
+_FIRST_STEP_OF_LIMIT = 0.05
 #: factors that are tried for a step that serves, each larger by a fifth, and runs of LAMMPS that confirm one
-_TRIES, _CONFIRMED = 16, 3
+_MOST_FACTORS_TRIED, _MOST_CONFIRMING_RUNS = 16, 3
 #: steps times bodies of one run of our code that a check makes at most
-_MOST_WORK = 2e9
+_MOST_STEPS_TIMES_BODIES = 2e9
 #: relative error below which no contact acted, or round-off alone is left
-_NOTHING = 1e-13
+_LARGEST_ROUNDOFF = 1e-13
 #: two differences of runs at halved steps whose ratio is below this show no convergence
-_CONVERGING = 1.4
+_LEAST_CONVERGING_RATIO = 1.4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class StepAnswer:
             return self.why
         if self.outcome is Outcome.UNDECIDED:
             return self.why or f"the error at {self.step} is {share(self.error)} +- {share(self.uncertainty)}"
-        if self.outcome is Outcome.PASS and not self.error > _NOTHING:
+        if self.outcome is Outcome.PASS and not self.error > _LARGEST_ROUNDOFF:
             return self.why or f"at {self.step} no error is seen"
         return f"{self.headline}, {share(self.accuracy)} allowed"
 
@@ -112,7 +112,9 @@ def step_of(lab: Laboratory, accuracy: float, *, law_is_right: bool, lost: bool)
     assert dt is not None  # see ``Laboratory.problem``
     assert scene is not None
     lab.say("largest steps")
-    curve = lab.predicted(dt, (accuracy, _TENTH * accuracy)) or StepError(dt=dt, stated=True, curve=((dt, 0.0),))
+    curve = lab.predicted(dt, (accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * accuracy)) or StepError(
+        dt=dt, stated=True, curve=((dt, 0.0),)
+    )
     now = math.inf if lost else lab.error(lab.lammps().velocity) if law_is_right else curve.error
     answer = StepAnswer(
         dt=dt,
@@ -123,10 +125,12 @@ def step_of(lab: Laboratory, accuracy: float, *, law_is_right: bool, lost: bool)
         contact=contact_time_of(scene) or math.nan,
         limit=2.0 / prescan.frequency if prescan is not None and prescan.frequency > 0.0 else math.nan,
     )
-    if now < _NOTHING and curve.error < _NOTHING:
+    if now < _LARGEST_ROUNDOFF and curve.error < _LARGEST_ROUNDOFF:
         why = f"no step is seen at {number(dt)} s: the velocities do not depend on it"
         return replace(answer, outcome=Outcome.PASS if law_is_right else Outcome.UNDECIDED, why=why)
-    answer = replace(answer, largest={a: curve.largest_for(a) for a in (accuracy, _TENTH * accuracy)})
+    answer = replace(
+        answer, largest={a: curve.largest_for(a) for a in (accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * accuracy)}
+    )
     outcome = Outcome.FAIL if lost else judge(now, answer.uncertainty, accuracy)
     if outcome is Outcome.UNDECIDED:
         asked = f"{share(accuracy)} is asked"
@@ -138,7 +142,7 @@ def step_of(lab: Laboratory, accuracy: float, *, law_is_right: bool, lost: bool)
     why = f"its error is small by chance: finer steps err by {share(by_chance)}" if outcome is Outcome.PASS else ""
     largest = curve.largest_for(accuracy)
     if math.isnan(largest):  # runs with so fine a step were too long to be tried
-        largest = min(dt, answer.limit) * _GUESS
+        largest = min(dt, answer.limit) * _FIRST_STEP_OF_LIMIT
     factor, confirmed = _factor(lab, largest, accuracy, confirm=law_is_right)
     if factor == 0:
         why = f"no step was found that gives {share(accuracy)}"
@@ -150,17 +154,17 @@ def _factor(lab: Laboratory, largest: float, accuracy: float, *, confirm: bool) 
     dt, state = lab.subject.deck.dt, lab.subject.deck.state
     assert dt is not None  # see ``Laboratory.problem``
     least, runs = (dt / largest if largest > 0.0 else 2.0), 0
-    for _ in range(_TRIES):
+    for _ in range(_MOST_FACTORS_TRIED):
         factor = tidy_factor(dt, max(least, 2.0))
-        if factor * state.steps * len(state.particles.atoms) > _MOST_WORK:
+        if factor * state.steps * len(state.particles.atoms) > _MOST_STEPS_TIMES_BODIES:
             break
-        finer = (lab.predicted(dt / (factor * part)) for part in _FINER)
+        finer = (lab.predicted(dt / (factor * part)) for part in _FACTORS_THAT_MUST_SERVE)
         if all(curve is not None and curve.error <= accuracy for curve in finer):
             error = _confirmed(lab, factor) if confirm else math.nan
             if not error > accuracy:
                 return factor, error
             runs += 1
-            if runs == _CONFIRMED:
+            if runs == _MOST_CONFIRMING_RUNS:
                 break
         least = 1.2 * factor
     return 0, math.nan
@@ -183,10 +187,10 @@ def step_by_lammps(lab: Laboratory, accuracy: float) -> StepAnswer:
     coarse, fine = _apart(first, second, answer.scale), _apart(second, third, answer.scale)
     if not (math.isfinite(coarse) and answer.scale > 0.0):
         return replace(answer, why="velocities of LAMMPS are not numbers, or nothing moves")
-    if fine < _NOTHING:
+    if fine < _LARGEST_ROUNDOFF:
         return replace(answer, error=coarse, uncertainty=fine, outcome=judge(coarse, fine, accuracy))
     ratio = coarse / fine
-    if ratio < _CONVERGING and coarse > _TENTH * accuracy:
+    if ratio < _LEAST_CONVERGING_RATIO and coarse > _SHARE_OF_ACCURACY_TOLD_TOO * accuracy:
         sizes = f"{share(coarse)} and {share(fine)} of the largest velocity"
         why = f"runs at halved steps differ by {sizes}: no order is seen"
         return replace(answer, error=coarse, uncertainty=coarse, why=why)
@@ -195,14 +199,17 @@ def step_by_lammps(lab: Laboratory, accuracy: float) -> StepAnswer:
     answer = replace(
         answer,
         error=error,
-        uncertainty=abs(error - _of_difference(coarse, max(0.7 * order, 0.5))) + _NOTHING,
-        largest={a: (dt or math.nan) * (a / error) ** (1.0 / order) for a in (accuracy, _TENTH * accuracy)},
+        uncertainty=abs(error - _of_difference(coarse, max(0.7 * order, 0.5))) + _LARGEST_ROUNDOFF,
+        largest={
+            a: (dt or math.nan) * (a / error) ** (1.0 / order)
+            for a in (accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * accuracy)
+        },
     )
     outcome = judge(error, answer.uncertainty, accuracy)
     if outcome is not Outcome.FAIL:
         return replace(answer, outcome=outcome)
-    least = (error / (_AIM * accuracy)) ** (1.0 / order)
-    for _ in range(_CONFIRMED):
+    least = (error / (_SHARE_OF_ACCURACY_AIMED_AT * accuracy)) ** (1.0 / order)
+    for _ in range(_MOST_CONFIRMING_RUNS):
         factor = tidy_factor(dt or 1.0, max(least, 2.0))
         apart = _apart(lab.lammps(factor).velocity, lab.lammps(2 * factor).velocity, answer.scale)
         if (left := _of_difference(apart, order)) <= accuracy:

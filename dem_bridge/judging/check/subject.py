@@ -23,7 +23,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import contact_time_of, samples_of
 
 #: contact times that a front needs for one body, and those after the last one, where a script has no run
-_PER_BODY, _AFTER = 1.0, 2.0
+_CONTACT_TIMES_PER_BODY, _CONTACT_TIMES_AFTER = 1.0, 2.0
 #: steps of a contact time of the deck of a scene for which no step was given: the rule of thumb of DEM codes
 STEPS_OF_CONTACT = 50.0
 
@@ -135,7 +135,7 @@ def _missing_run(path: Path, deck: UserDeck, variables: Mapping[str, str] | None
     )
     if trial.read is None or trial.dt is None or (contact := contact_time_of(trial.read.scene)) is None:
         return ()
-    duration = contact * (_PER_BODY * trial.read.scene.n_body + _AFTER)
+    duration = contact * (_CONTACT_TIMES_PER_BODY * trial.read.scene.n_body + _CONTACT_TIMES_AFTER)
     return (_line(path, end, f"run {math.ceil(duration / trial.dt)}"),)
 
 

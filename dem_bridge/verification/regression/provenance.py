@@ -28,7 +28,7 @@ from dem_bridge.verification.regression.compare import assess
 from dem_bridge.version import __version__
 
 #: number of builds that are compared; each may differ from exact arithmetic
-_BUILDS = 2.0
+_BUILDS_COMPARED = 2.0
 
 
 def baseline_of(
@@ -89,7 +89,7 @@ def _roundoff_tolerance(case: Case, run: Trajectory) -> dict[str, RoundoffTolera
         distance = np.nan_to_num(np.abs(a - b))  # nan: a crossing in one run only is not round-off
         # what has no scale would permit any value of the others
         relative = relative_size(distance, scale)[np.broadcast_to(scale > 0.0, a.shape)]
-        value = _BUILDS * REALISATIONS * (float(np.max(relative, initial=0.0)) + digit)
+        value = _BUILDS_COMPARED * REALISATIONS * (float(np.max(relative, initial=0.0)) + digit)
         reason = f"6 times ({cause}, plus a random walk of the last digit)"
         tolerances[quantity] = RoundoffTolerance(value=float(f"{value:.2g}"), reason=reason)
     return tolerances

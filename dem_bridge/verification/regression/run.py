@@ -37,9 +37,9 @@ NEW_BACKENDS = ("lammps-granular", "lammps-table", "verlet", "reference")
 #: backend that errors are measured against, and the slower one that the reference is compared with if it has changed
 REFERENCE, SECOND = "reference", "scipy"
 #: number of samples of a new baseline, t = 0 not counted
-SAMPLES = 20
+SAMPLES_OF_BASELINES = 20
 #: accuracy of new baselines; coarse steps suffice to detect a change
-ACCURACY = 1e-3
+ACCURACY_OF_BASELINES = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,9 +198,9 @@ class Selection:
     def _new_tasks(self, scene: Scene, source: str, existing: Sequence[Baseline]) -> list[Task]:
         """Return the comparisons of a scene for backends without a baseline, with settings of existing baselines."""
         default = [] if existing else [name for name in NEW_BACKENDS if supports_of(name).covers(scene)]
-        tolerance = self.accuracy or next((baseline.tolerance for baseline in existing), ACCURACY)
+        tolerance = self.accuracy or next((baseline.tolerance for baseline in existing), ACCURACY_OF_BASELINES)
         step = self.dt or next((baseline.dt for baseline in existing if baseline.dt is not None), None)
-        sampling, tasks = Sampling(count=SAMPLES), []
+        sampling, tasks = Sampling(count=SAMPLES_OF_BASELINES), []
         for name in self.backends or default:
             if name in {baseline.backend for baseline in existing}:
                 continue

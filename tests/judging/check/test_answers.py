@@ -14,7 +14,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.errors import RunBroken, SceneError, UsageError
 from dem_bridge.judging.check import checked
-from dem_bridge.judging.check.answer import KEYS, MOST_LINES, Check
+from dem_bridge.judging.check.answer import KEYS, MOST_LINES_TO_WRITE, Check
 from dem_bridge.judging.check.edits import Edit
 from dem_bridge.judging.check.laboratory import Laboratory, LammpsRun
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer, engine_of, law_of
@@ -86,7 +86,7 @@ def test_a_terminal_shows_three_lines_to_write_and_counts_the_others() -> None:
     edits = tuple(Edit(file="in.x", line=n, new=f"run {n}") for n in range(1, 7))
     lines = list(answer(step=FAIL, edits=edits).lines())
     assert [text for name, text in lines if name in ("write", "")][-1].endswith("(and 3 more lines: --json)")
-    assert len(lines) == 5 + MOST_LINES
+    assert len(lines) == 5 + MOST_LINES_TO_WRITE
 
 
 # ---------------------------------------------------------------- laws by runs that are made up
