@@ -7,7 +7,7 @@ and for its uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -31,17 +31,57 @@ LANGUAGE = frozenset(
 #: uncertainty of LAMMPS, and for its own values with ``tables=True`` only; ``scene_prescan`` runs the twin for scenes
 #: whose laws are functions, of which only the largest values are read; ``roundoff`` writes a comment of a deck
 ASIDE = frozenset(f"dem_bridge.backends.{name}" for name in ("roundoff", "scene_prescan", "tabled"))
+#: concept -> modules, or rooms of them, that make it up: the words of the page
+CONCEPTS: Mapping[str, tuple[str, ...]] = MappingProxyType({
+    "law of contact": (
+        "physics.adhesion", "physics.contact", "physics.dashpot", "physics.elliptic", "physics.impact", "physics.law",
+        "physics.viscoelastic",
+    ),
+    "closed form of a collision": ("physics.exact",),
+    "solitary wave": ("physics.solitary", "physics.dispersion"),
+    "binary collisions": ("backends.bca",),
+    "coefficients of the integrator": ("physics.stages",),
+    "integrator of fixed steps": ("backends.splitting", "backends.fused"),
+    "twin": ("backends.twin",),
+    "drive": ("backends.driven", "scene.drive"),
+    "curves of force for kernels": ("backends.curves",),
+    "coarse run beforehand": ("backends.prescan", "backends.scene_prescan"),
+    "radius of the particles": ("backends.surrogate_radius",),
+    "time steps": ("backends.steps",),
+    "limit of what is a collision": ("backends.scales",),
+    "peaks between samples": ("trajectory.dense",),
+    "round-off of positions": ("backends.roundoff",),
+    "tables of force": ("backends.tabled", "lmp.pairing", "lmp.table"),
+    "interpolation of tables": ("lmp.cell", "lmp.interpolation"),
+    "writer of decks": (
+        "foundation.arguments", "lmp.coefficients", "lmp.deck", "lmp.driving", "lmp.encoding", "lmp.known_defects",
+    ),
+    "engine of LAMMPS": ("backends.lammps", "lmp.child", "lmp.engine", "lmp.log", "lmp.process"),
+    "reader of dumps": ("backends.lammps_output", "lmp.output"),
+    "limits of numbers": ("foundation.numbers", "physics.valid"),
+    "version": ("version",),
+    "rule of the uncertainty": ("runs.uncertainty",),
+})  # fmt: skip
 #: a backend that answers through another where its own method does not fit, and says so in the run's provenance
 ANSWERS_THROUGH: Mapping[str, str] = MappingProxyType({"reference": "scipy"})
 
 
 @dataclass(frozen=True)
 class Shared:
-    """Short names of the modules that a pair of backends has in common."""
+    """The modules that a pair of backends has in common."""
 
     values: tuple[str, ...]
     uncertainty: tuple[str, ...]
     """For the uncertainty only."""
+
+    def concepts(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the parts that these modules make up, for values and then only for the uncertainty, in words.
+
+        >>> shared("ase", "reference").concepts()
+        (('limit of what is a collision',), ('rule of the uncertainty',))
+        """
+        values, uncertainty = (dict.fromkeys(map(concept_of, part)) for part in (self.values, self.uncertainty))
+        return tuple(values), tuple(name for name in uncertainty if name not in values)
 
 
 def shared(first: str, other: str) -> Shared:
@@ -51,16 +91,26 @@ def shared(first: str, other: str) -> Shared:
     ()
     """
     values = _reached(first, without=ASIDE) & _reached(other, without=ASIDE)
-    return Shared(_short(values), _short(_reached_by_uncertainty(first) & _reached_by_uncertainty(other) - values))
+    further = _reached_by_uncertainty(first) & _reached_by_uncertainty(other) - values
+    return Shared(tuple(sorted(values)), tuple(sorted(further)))
+
+
+def concept_of(module: str) -> str:
+    """Return the concept of a module; KeyError for a module that has none yet.
+
+    >>> concept_of("dem_bridge.lmp.output"), concept_of("dem_bridge.runs.uncertainty.grazes")
+    ('reader of dumps', 'rule of the uncertainty')
+    """
+    name = module.removeprefix("dem_bridge.")
+    for concept, parts in CONCEPTS.items():
+        if any(name == part or name.startswith(f"{part}.") for part in parts):
+            return concept
+    raise KeyError(f"{module} has no concept in CONCEPTS")
 
 
 def matrix() -> dict[tuple[str, str], Shared]:
     """Every pair of backends, in the order of ``BACKENDS``."""
     return {pair: shared(*pair) for pair in combinations(BACKENDS, 2)}
-
-
-def _short(modules: Iterable[str]) -> tuple[str, ...]:
-    return tuple(sorted(name.split(".")[-1] for name in modules))
 
 
 def _reached(backend: str, without: frozenset[str] = frozenset()) -> frozenset[str]:

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import pytest
 
 from dem_bridge.backends.base import BACKENDS, backend
-from dem_bridge.verification.independence import ANSWERS_THROUGH, ASIDE, LANGUAGE, imported_modules, matrix, shared
+from dem_bridge.verification.independence import (
+    ANSWERS_THROUGH,
+    ASIDE,
+    CONCEPTS,
+    LANGUAGE,
+    concept_of,
+    imported_modules,
+    matrix,
+    shared,
+)
 from tests.helpers.seams import Seam, plant
 
 #: judged, judge -> what they may share for the values of a run: unless more is said, what counts as a collision
@@ -23,17 +34,21 @@ JUDGED: dict[tuple[str, str], set[str]] = {
 }
 
 
+def _short(modules: Iterable[str]) -> set[str]:
+    return {name.rpartition(".")[2] for name in modules}
+
+
 @pytest.mark.parametrize("pair", JUDGED, ids="-".join)
 def test_a_judge_shares_no_solver_with_what_it_judges(pair: tuple[str, str]) -> None:
-    assert set(shared(*pair).values) == JUDGED[pair]
+    assert _short(shared(*pair).values) == JUDGED[pair]
 
 
 def test_only_fixed_step_codes_take_their_uncertainty_from_the_twin() -> None:
     for pair, found in matrix().items():
         # blanes-moan has the rules of the others, for runs of its own, and looks at a scene by the twin's coarse run
         fixed = all(backend(name).order is not None for name in pair)
-        assert ("twin" in found.uncertainty) == fixed, pair
-        assert "twin" not in found.values
+        assert ("twin" in _short(found.uncertainty)) == fixed, pair
+        assert "twin" not in _short(found.values)
 
 
 def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_its_interpolation() -> None:
@@ -43,7 +58,7 @@ def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_
     emulated = {"cell", "interpolation", "splitting", "twin"}
     rules = {"differences", "early_touches", "family", "fixed_step", "grazes", "moments", "readings", "twins"}
     found = shared("lammps-table", "verlet")
-    assert set(found.uncertainty) == lent | emulated | {"curves", "fused"} | rules
+    assert _short(found.uncertainty) == lent | emulated | {"curves", "fused"} | rules
     # what LAMMPS reads is written without the emulation
     reached, waiting = set[str](), [BACKENDS["lammps-table"].module]
     while waiting:
@@ -57,13 +72,22 @@ def test_the_matrix_has_every_pair_once() -> None:
     assert len(matrix()) == len(BACKENDS) * (len(BACKENDS) - 1) // 2
 
 
+def test_every_shared_module_has_a_concept_and_each_concept_exists() -> None:
+    modules = {name for found in matrix().values() for name in (*found.values, *found.uncertainty)}
+    concepts = {concept_of(name) for name in modules}
+    assert concepts == set(CONCEPTS)
+    assert not concepts & {name.rpartition(".")[2] for name in modules} - {"twin", "version", "drive"}
+    with pytest.raises(KeyError, match="a_new_module has no concept"):
+        concept_of("dem_bridge.backends.a_new_module")
+
+
 def test_a_solver_that_is_shared_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     def planted(module: str) -> frozenset[str]:
         more = {"dem_bridge.backends.twin"} if module == "dem_bridge.backends.taylor" else set()
         return imported_modules(module) | more
 
     plant(monkeypatch, Seam.IMPORTED_MODULES, planted)
-    assert "twin" in shared("verlet", "reference").values
+    assert "twin" in _short(shared("verlet", "reference").values)
 
 
 def test_the_fallback_of_the_reference_is_named_and_real() -> None:
