@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 import dem_bridge as db
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.front import arrival, residence_time, residence_time_uncertainty
-from dem_bridge.report.drawing_styles import STYLES, style_of
+from dem_bridge.report.drawing_styles import style_of
 from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
@@ -250,7 +250,7 @@ def test_runs_of_one_code_have_numbered_styles_and_others_those_of_the_report(so
     assert [line.get_color() for line in (one, other)] == [style_of(f"nth/{k}/{k}")["color"] for k in range(2)]
     alone, theory = db.plot.residence([exact], theory="bca", scene=SCENE).get_lines()
     for line, name in ((alone, "reference"), (theory, "bca")):
-        assert (line.get_color(), line.get_marker()) == (STYLES[name]["color"], STYLES[name].get("marker", "None"))
+        assert (line.get_color(), line.get_marker()) == (style_of(name)["color"], style_of(name).get("marker", "None"))
 
 
 def test_a_run_of_a_code_without_a_style_of_its_own_has_a_numbered_one(solved: Solve) -> None:

@@ -1,16 +1,15 @@
 """Set how panels look: lines and markers, axes that several panels share, and ticks.
 
-Each backend has one colour, marker and dash pattern in all figures. Colours are the Okabe-Ito set (legible for
-colour-blind readers); lines and marks also differ in form, so that a page printed in grey keeps its meaning.
+Each backend has one colour, marker and dash pattern in all figures, which :mod:`.styles` has. Colours are the Okabe-Ito
+set (legible for colour-blind readers); lines and marks also differ in form, so that a page printed in grey keeps its
+meaning.
 """
 
 from __future__ import annotations
 
-import json
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,37 +20,14 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.report.study import Panel
+from dem_bridge.report.styles import BLUE, CYCLE, DASHES, FORMS, FURTHER, GREY, MARKS, OF_BACKEND, ORANGE, STYLES
 
-#: the data: colours of the Okabe-Ito set, and the matplotlib arguments of styles, whose colours have names here
-_DATA = json.loads(Path(__file__).with_name("drawing_styles.json").read_text(encoding="utf-8"))
-_INK: Mapping[str, str] = _DATA["colours"]
-BLACK, BLUE, VERMILION, GREEN = (_INK[name] for name in ("black", "blue", "vermilion", "green"))
 #: markers that no code of the data has
 _FREE_MARKS = ("h", "8", "d", "<", "H")
 #: backends with a single setting, which have a marker and no line
 _ALONE = ("reference", "bca", "adiabatic")
 
 
-def _dash(pattern: str | list[Any]) -> Any:
-    """Return a dash pattern of the data for matplotlib."""
-    return pattern if isinstance(pattern, str) else (pattern[0], tuple(pattern[1]))
-
-
-def _arguments(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the matplotlib arguments of an entry of the data; markers are filled unless they are hollow."""
-    style = {**entry, "linestyle": _dash(entry["linestyle"])}
-    if "color" in style:
-        style["color"] = _INK[style["color"]]
-    if style.pop("hollow", False):
-        style |= {"markerfacecolor": "none", "markeredgewidth": 1.1}
-    return style
-
-
-#: matplotlib arguments of each style of a Series; all differ in grey, and markers at one place stay visible
-STYLES: Mapping[str, Mapping[str, Any]] = {name: _arguments(entry) for name, entry in _DATA["named"].items()}
-#: further styles: "front" is a Pareto front (wide, pale, behind everything), "below" an arrow down from an uncertainty,
-#: "band" the pale area of the uncertainty around a line that is not drawn
-_FURTHER = {name: _arguments(entry) for name, entry in _DATA["further"].items()}
 #: lines over a map: thin, so that they do not hide the front, and black or white with an edge of the other, so that
 #: they are visible on every colour of the map
 #: (almost black and almost white, because exact ones are exchanged on a dark page)
@@ -62,7 +38,7 @@ _ON_FRONT = {"marker": "o", "markersize": 4.5, "markerfacecolor": "none", "marke
 #: digits and sign of a power
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 #: bars of a row: fill and hatching
-BARS: tuple[Mapping[str, Any], ...] = ({"color": BLUE}, {"color": _INK["orange"], "hatch": "////"})
+BARS: tuple[Mapping[str, Any], ...] = ({"color": BLUE}, {"color": ORANGE, "hatch": "////"})
 
 
 def _free_mark(code: str) -> str:
@@ -71,35 +47,35 @@ def _free_mark(code: str) -> str:
     >>> _free_mark("unknown")
     '>'
     """
-    others = [name for name in BACKENDS if name not in _DATA["codes"]]
+    others = [name for name in BACKENDS if name not in MARKS]
     return _FREE_MARKS[others.index(code) % len(_FREE_MARKS)] if code in others else ">"
 
 
 def style_of(name: str) -> dict[str, Any]:
     """Return the matplotlib arguments of the style of a Series.
 
-    A style is a key of :data:`STYLES`, "front", "below", "curve/BACKEND/VARIANT", "mark/BACKEND" (markers without a
-    line), or "nth/COLOUR/FORM" or "line/COLOUR/FORM" by number. An unknown style is grey.
+    A style is a key of :data:`~dem_bridge.report.styles.STYLES`, the name of a backend, "front", "below",
+    "curve/BACKEND/VARIANT", "mark/BACKEND" (markers without a line), or "nth/COLOUR/FORM" or "line/COLOUR/FORM" by
+    number. An unknown style is grey.
 
     >>> style_of("curve/verlet")["marker"], style_of("curve/verlet/richardson")["linestyle"]
     ('v', (0, (4, 1.5)))
     """
     if name.startswith(("nth/", "line/")):
         kind, colour, form = name.split("/")
-        forms, colours = _DATA[kind], _DATA["cycle"]
-        return _arguments({"color": colours[int(colour) % len(colours)], **forms[int(form) % len(forms)]})
+        return {"color": CYCLE[int(colour) % len(CYCLE)], **FORMS[kind][int(form) % len(FORMS[kind])]}
     if not name.startswith(("curve/", "mark/")):
-        return dict(STYLES.get(name) or _FURTHER.get(name) or _FURTHER["other"])
+        return dict(STYLES.get(OF_BACKEND.get(name, name)) or FURTHER.get(name) or FURTHER["other"])
     kind, code, variant = f"{name}/".split("/")[:3]
-    colour, mark, size = _DATA["codes"].get(code) or ("grey", _free_mark(code), 5.5)
+    colour, mark, size = MARKS.get(code) or (GREY, _free_mark(code), 5.5)
     filled = variant == "richardson" or code in _ALONE
     return {
-        "color": _INK[colour],
+        "color": colour,
         "marker": mark,
         "markersize": size,
         "markeredgewidth": 1.2,
-        "markerfacecolor": _INK[colour] if filled else "white",
-        "linestyle": "none" if kind == "mark" or code in _ALONE else _dash(_DATA["dashes"].get(variant, "-.")),
+        "markerfacecolor": colour if filled else "white",
+        "linestyle": "none" if kind == "mark" or code in _ALONE else DASHES.get(variant, "-."),
         "linewidth": 1.3,
         "zorder": 3 if code in _ALONE or mark == "x" else 2,
     }

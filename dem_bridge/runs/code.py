@@ -33,9 +33,9 @@ NOT_IN_RUNS = (
 NOT_IN_STUDIES = (
     "api", "cli", "formats.tables", "formats.writers", "foundation.notebook", "foundation.notebook_sketch",
     "foundation.presenters", "foundation.summary", "plot", "report.colours", "report.drawing", "report.drawing_names",
-    "report.drawing_styles", "report.images", "report.live", "report.page", "report.pages", "report.templates",
-    "runs.campaign.cluster", "trajectory.shown", "verification.banner", "verification.bundle", "verification.chains",
-    "verification.crate", "verification.figures", "verification.junit", "verification.motion",
+    "report.drawing_styles", "report.images", "report.live", "report.page", "report.pages", "report.styles",
+    "report.templates", "runs.campaign.cluster", "trajectory.shown", "verification.banner", "verification.bundle",
+    "verification.chains", "verification.crate", "verification.figures", "verification.junit", "verification.motion",
     "verification.page", "verification.pictures", "verification.regression", "verification.replay",
     "verification.templates",
 )  # fmt: skip

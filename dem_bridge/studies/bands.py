@@ -34,8 +34,8 @@ from dem_bridge.trajectory.trajectory import Trajectory
 TEXTS = Texts("bands", "dem_bridge.studies")
 #: codes in the order of their runs -> the one that each is compared with, what the two then differ by, and its style
 CODES = {
-    "scipy": {"other": "", "isolated": "", "style": "reference"},
-    "verlet": {"other": "scipy", "isolated": "time step", "style": "ode45"},
+    "scipy": {"other": "", "isolated": "", "style": "black line"},
+    "verlet": {"other": "scipy", "isolated": "time step", "style": "green crosses"},
     "lammps-granular": {"other": "verlet", "isolated": "implementation and round-off", "style": "lammps-granular"},
 }
 EDGES_COLUMNS = {

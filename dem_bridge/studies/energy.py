@@ -230,7 +230,7 @@ def _figure(runs: Sequence[Run], times: Floats, measured: Floats, predicted: Flo
 def _pair(x: Floats, measured: Floats, predicted: Floats) -> tuple[Series, Series]:
     """Return measured and predicted energy errors, in thousandths."""
     return (
-        Series(label="measured", style="reference", x=x, y=1e3 * measured),
+        Series(label="measured", style="black line", x=x, y=1e3 * measured),
         Series(label="predicted", style="fit", x=x, y=1e3 * predicted),
     )
 

@@ -227,7 +227,7 @@ def _figure(rows: Sequence[Rounded], steps: Sequence[Rounded], scene: str) -> Fi
         ),
         TEXTS.panel(
             "steps",
-            (Series(label="double precision", style="reference", x=x, y=y), *curves),
+            (Series(label="double precision", style="black line", x=x, y=y), *curves),
             scene=scene,
             log=True,
             tall=True,

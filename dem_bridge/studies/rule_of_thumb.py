@@ -269,9 +269,9 @@ def _figure(errors: Sequence[SceneErrors]) -> FigureData:
         return Series(label=label, style=style, x=100.0 * steps / scene_errors.rayleigh, y=100.0 * values)
 
     name = main.scene.name
-    velocity = line(main, "velocity", f"velocity, {name}", "reference")
-    kinetic = line(main, KINETIC_ENERGY.name, "kinetic energy at the end", "bca")
-    momentum = line(main, MOMENTUM.name, "total momentum", "adiabatic")
+    velocity = line(main, "velocity", f"velocity, {name}", "black line")
+    kinetic = line(main, KINETIC_ENERGY.name, "kinetic energy at the end", "vermilion squares")
+    momentum = line(main, MOMENTUM.name, "total momentum", "purple triangles")
     others = [line(item, "velocity", "velocity, other scenes", "guide") for item in complete if item is not main]
     logged = (velocity, kinetic, momentum) if main.scene.conserves_momentum else (velocity, kinetic)
     panels = (

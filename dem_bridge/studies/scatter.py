@@ -343,7 +343,7 @@ def study_of(chains: ScatteredChains, tolerances: Sequence[Tolerance] = (), effe
 def distributions(chains: ScatteredChains) -> FigureData:
     """Return the distributions of the measures of a chain, and the wave speed along the chain."""
     part = np.linspace(0.005, 0.995, 199)
-    styles = ("reference", "verlet")
+    styles = ("black line", "other")
     lines = [
         Series(label=name, style=style, x=np.nanquantile(ratio, part), y=part)
         for (name, ratio), style in zip(chains.measures().items(), styles, strict=False)
@@ -361,7 +361,7 @@ def distributions(chains: ScatteredChains) -> FigureData:
         y=0.5 * (slow + fast)[bounded],
         bar=0.5 * (fast - slow)[bounded],
     )
-    speeds = [band, Series(label="median", style="reference", x=x[middle > 0.0], y=middle[middle > 0.0])]
+    speeds = [band, Series(label="median", style="black line", x=x[middle > 0.0], y=middle[middle > 0.0])]
     unit = "bodies/s" if chains.scene.spacing is None else "m/s"
     panels = (TEXTS.panel("distribution", lines), TEXTS.panel("speed", speeds, unit=unit))
     settings = {"spread": chains.spread, "count": chains.count, "scene": chains.scene.name}
@@ -392,7 +392,7 @@ def figure(chains: ScatteredChains) -> FigureData:
         x = np.arange(first, first + ratio.shape[1], dtype=float)
         low, middle, high = np.nanpercentile(ratio, [5.0, 50.0, 95.0], axis=0)
         band = Series(label="middle 90 %", style="band", x=x, y=0.5 * (low + high), bar=0.5 * (high - low))
-        return TEXTS.panel(id, [band, Series(label="median", style="reference", x=x, y=middle)])
+        return TEXTS.panel(id, [band, Series(label="median", style="black line", x=x, y=middle)])
 
     panels = (panel("body", residence, 1), panel("contact", force, 0))
     one_by_one = chains.solver == REFERENCE

@@ -203,7 +203,7 @@ def _figure(indices: Indices, links: int, texts: dict[str, Any]) -> FigureData:
         low, high = indices.first_interval[:, row]
         return Series(label=label, style=style, x=places, y=indices.first[row], bar=0.5 * (high - low))
 
-    lines = (line(0, MEASURES[0], "reference"), line(1, MEASURES[1], "verlet"))
+    lines = (line(0, MEASURES[0], "black line"), line(1, MEASURES[1], "other"))
     bodies = np.arange(1.0, links)
     middle = 2 + len(bodies)
     maps = (

@@ -18,8 +18,9 @@ from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.backends.steps import order_on
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.report.drawing import SHEET, WIDTH, draw_figure
-from dem_bridge.report.drawing_styles import BLACK, BLUE, GREEN, STYLES, VERMILION, power_of_ten
+from dem_bridge.report.drawing_styles import power_of_ten, style_of
 from dem_bridge.report.study import FigureData, Map, Panel, Series
+from dem_bridge.report.styles import BLACK, BLUE, GREEN, VERMILION
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
@@ -183,7 +184,7 @@ def convergence(studies: Sequence[SceneStudy]) -> Figure | None:
     figure, axes = _panels(1, len(shown), width=0.5 * WIDTH, height=2.8)
     for ax, study in zip(axes, shown, strict=True):
         for name, style in (
-            (study.engine, {**STYLES[study.engine], "label": "LAMMPS - reference"}),
+            (study.engine, {**style_of(study.engine), "label": "LAMMPS - reference"}),
             (TWIN, {"color": GREEN, "linestyle": "none", "marker": "x", "label": "twin - reference"}),
         ):
             if name in study.refinement:

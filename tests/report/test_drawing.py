@@ -19,10 +19,11 @@ from matplotlib.figure import Figure
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.report.colours import colour_limits
 from dem_bridge.report.drawing import draw_figure, fix_layout, panel_boxes
-from dem_bridge.report.drawing_styles import STYLES, style_of
+from dem_bridge.report.drawing_styles import style_of
 from dem_bridge.report.images import picture_of_data
 from dem_bridge.report.page import csv_texts
 from dem_bridge.report.study import FigureData, Map, Panel, Series
+from dem_bridge.report.styles import FURTHER, OF_BACKEND, STYLES
 from tests.helpers.legibility import assert_legible
 
 X = np.arange(1.0, 41.0)
@@ -175,10 +176,8 @@ def test_a_first_point_far_above_is_named_and_squeezes_nothing() -> None:
 
 
 def test_no_two_styles_are_told_apart_by_colour_alone() -> None:
-    engines = {name: STYLES[name] for name in ENGINE_BACKENDS}
-    assert all(style == STYLES[ENGINE_BACKENDS[0]] for style in engines.values())
-    rest = [STYLES[name] for name in STYLES if name not in ENGINE_BACKENDS[1:]]
-    forms = [(str(style["linestyle"]), style.get("marker")) for style in rest]
+    assert all(style_of(name) == style_of(ENGINE_BACKENDS[0]) for name in ENGINE_BACKENDS)
+    forms = [(str(style["linestyle"]), style.get("marker")) for style in STYLES.values()]
     assert len(set(forms)) == len(forms)
 
 
@@ -192,6 +191,12 @@ COST = tuple(
     Series(label=f"{style.removeprefix('curve/')} of some", style=style, x=X[:9] * 10.0**-at, y=X[:9] ** -4.0)
     for at, style in enumerate(CURVES)
 )
+
+
+def test_no_style_is_named_after_a_backend() -> None:
+    assert not {*STYLES, *FURTHER} & {*BACKENDS}
+    assert set(OF_BACKEND) <= {*BACKENDS}
+    assert {*OF_BACKEND.values()} <= {*STYLES}
 
 
 def test_no_two_curves_of_many_codes_are_told_apart_by_colour_alone() -> None:

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from dem_bridge.report.colours import colour_limits
 from dem_bridge.report.drawing import NOTEBOOK_WIDTH, WIDTH, draw_figure, draw_panel, new_axes
 from dem_bridge.report.drawing_styles import (
-    STYLES,
     groups_of_scale,
     power_of_ten,
     scale_together,
@@ -21,6 +20,7 @@ from dem_bridge.report.drawing_styles import (
 )
 from dem_bridge.report.page import csv_texts
 from dem_bridge.report.study import FigureData, Map, Panel, Series
+from dem_bridge.report.styles import STYLES
 
 NAN = float("nan")
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure as Canvas
 
-from dem_bridge.report import drawing_styles, images
+from dem_bridge.report import images
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.drawing_styles import scale_together
 from dem_bridge.report.page import csv_texts
@@ -108,7 +108,3 @@ def test_markers_of_two_styles_keep_their_own_and_those_of_one_share_it() -> Non
     assert re.sub(pattern, images._of_group, mixed) == mixed
     shared = re.sub(pattern, images._of_group, group.format("red", "red"))
     assert shared == '<g id="a" style="fill: red">\n<use/>\n<use/>\n</g>'
-
-
-def test_a_stroke_without_a_colour_has_only_its_dashes() -> None:
-    assert drawing_styles._arguments({"linestyle": [0, [1, 2]]}) == {"linestyle": (0, (1, 2))}

@@ -293,17 +293,17 @@ def _parting(result: Found) -> FigureData:
         return Series(label=label, style=style, x=time, y=np.log10(np.maximum(y, _LEAST)))
 
     perturbations = (
-        line(f"inputs moved by {result.perturbation:g}", "reference", middle),
+        line(f"inputs moved by {result.perturbation:g}", "black line", middle),
         line("the nearest", "guide", np.min(result.distance, axis=0)),
         line("the farthest", "guide", np.max(result.distance, axis=0)),
     )
-    styles = {REFERENCE: "adiabatic", TWIN: "bca"}
+    styles = {REFERENCE: "purple triangles", TWIN: "vermilion squares"}
     codes = [
         line(f"uncertainty of {trust.backend}", styles.get(trust.backend, trust.backend), trust.bar)
         for trust in result.trusts
     ]
     codes += [
-        line(f"{trust.backend} - reference", "fit" if trust.backend == TWIN else "ode45", trust.error)
+        line(f"{trust.backend} - reference", "fit" if trust.backend == TWIN else "green crosses", trust.error)
         for trust in result.trusts
         if trust.error is not None
     ]
@@ -318,7 +318,7 @@ def _energy(long: LongRun) -> FigureData:
     unit = 10.0 ** math.floor(math.log10(max(float(np.max(np.abs(energy))), _LEAST)))
     series = [
         Series(label="energy", style="guide", x=time, y=energy[::every] / unit),
-        Series(label="conserved by the method", style="reference", x=time, y=kept[::every] / unit),
+        Series(label="conserved by the method", style="black line", x=time, y=kept[::every] / unit),
     ]
     panel = TEXTS.panel("energy", unit=unit)
     if drift is not None:
@@ -342,7 +342,9 @@ def _distribution(result: Found, first: int) -> FigureData:
 
     series = [density("reference, independent runs", "reference", (result.truth, *result.ensemble))]
     for trust in result.trusts[1:]:
-        series.append(density(trust.backend, "bca" if trust.backend == TWIN else trust.backend, [trust.run]))
+        series.append(
+            density(trust.backend, "vermilion squares" if trust.backend == TWIN else trust.backend, [trust.run])
+        )
     normal = np.exp(-0.5 * middle**2) / math.sqrt(2.0 * math.pi)
     series.append(Series(label="normal", style="guide", x=middle, y=normal))
     panel = TEXTS.panel("velocities", tuple(series), scene=result.scene.name)

@@ -365,7 +365,7 @@ def _overlay(compared: Comparison, reading: Reading, best: Floats | None, name: 
     band = coverage * np.hypot(compared.numerical, compared.input)[rows]
     lines = [
         Series(label=f"simulation +- {coverage:g} (u_num, u_input)", style="band", x=x, y=simulated, bar=band),
-        Series(label="simulation", style="reference", x=x, y=simulated),
+        Series(label="simulation", style="black line", x=x, y=simulated),
         Series(label=name, style="mark-2", x=x, y=reading.value, bar=coverage * reading.uncertainty),
     ]
     if best is not None:

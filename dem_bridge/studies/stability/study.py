@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 FAMILY_LINES = {
     "2/omega of one contact": ("guide", "over_pair"),
     "2/omega of the highest mode": ("fit", "over_mode"),
-    "stable, twin": ("reference", "stable"),
+    "stable, twin": ("black line", "stable"),
     "stable, LAMMPS": ("lammps-granular", "engine"),
-    f"accurate to {ACCURACIES[0]:g}, twin": ("bca", "coarse"),
-    f"accurate to {ACCURACIES[1]:g}, twin": ("adiabatic", "fine"),
+    f"accurate to {ACCURACIES[0]:g}, twin": ("vermilion squares", "coarse"),
+    f"accurate to {ACCURACIES[1]:g}, twin": ("purple triangles", "fine"),
     "Rayleigh time": ("", "rayleigh"),
 }
 TRAP_LINES = {
-    "velocity, largest error": ("bca", "velocity"),
-    "velocity at the end": ("adiabatic", "last"),
+    "velocity, largest error": ("vermilion squares", "velocity"),
+    "velocity at the end": ("purple triangles", "last"),
     "kinetic energy at the end": ("fit", "kinetic"),
-    "momentum, largest change": ("reference", "momentum"),
+    "momentum, largest change": ("black line", "momentum"),
 }
 ENGINE_LINES = {"velocity, LAMMPS": ("lammps-granular", "velocity")}
 LIMITS_COLUMNS = {
@@ -176,8 +176,8 @@ def figures(
     if result.gains is not None:
         finite = np.where(np.isfinite(result.gains), result.gains, np.nan)
         edges = [
-            Series(label="most gained, of 16 phases", style="reference", x=STEPS, y=np.nanmax(finite, axis=0)),
-            Series(label="most lost", style="bca", x=STEPS, y=-np.nanmin(finite, axis=0)),
+            Series(label="most gained, of 16 phases", style="black line", x=STEPS, y=np.nanmax(finite, axis=0)),
+            Series(label="most lost", style="vermilion squares", x=STEPS, y=-np.nanmin(finite, axis=0)),
             Series(label="2/omega", style="guide", x=np.array([2.0, 2.0]), y=np.array([1e-6, 1e2])),
             Series(label="gain that is called unstable", style="fit", x=STEPS[[0, -1]], y=np.array([gain, gain])),
         ]
