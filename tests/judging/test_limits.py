@@ -165,6 +165,19 @@ def test_fields_that_differ_have_their_effect(monkeypatch: pytest.MonkeyPatch) -
     assert of_scene() == {}
 
 
+def test_two_differences_that_add_up_have_the_sum_of_their_effects_together() -> None:
+    # bodies a metre apart fly on: weight adds g t to each velocity, another start its difference
+    apart, end, scale = replace(PAIR, gap=1.0), 1e-5, 4.0
+    deck = replace(apart, gravity=9.81, velocity=(1.0, 3e-4))
+    flight = np.array([[1.0, 0.0], [1.0, 0.0]])
+    rows = deck_limits(apart, run_of(scene=deck), file_of(flight, (0.0, end), scale))
+    effects = {row.what: row.effect for row in rows}
+    weight, start = 9.81 * end / scale, 3e-4 / scale
+    assert effects["gravity"] == pytest.approx(weight, rel=1e-9)
+    assert effects["velocity"] == pytest.approx(start, rel=1e-9)
+    assert effects["all differences from the scene together"] == pytest.approx(weight + start, rel=1e-9)
+
+
 # ---------------------------------------------------------------- by the commands of the deck
 @pytest.mark.parametrize(
     ("line", "points"),
@@ -232,6 +245,9 @@ def test_skins_that_bodies_cross_unseen_are_risky(
         (("dump 1 all custom 10 f vx",), {"digits of own dump 1": ("6", 5e-6)}),
         (("dump 1 all custom 10 f x",), {"columns of own dump 1": ("no velocities", NAN),
                                          "digits of own dump 1": ("6", 5e-6)}),
+        # the name of the file is no column
+        (("dump 1 all custom 10 vx x y",), {"columns of own dump 1": ("no velocities", NAN),
+                                            "digits of own dump 1": ("6", 5e-6)}),
         (("dump 1 all custom",), {"digits of own dump 1": ("6", 5e-6)}),
         (("dump 1 all custom 10",), {"columns of own dump 1": ("no velocities", NAN),
                                      "digits of own dump 1": ("6", 5e-6)}),
