@@ -212,7 +212,7 @@ def clock_set_back(case: Round) -> None:
     case.finish(program)
     # locks that it held then were taken for old: none, for it was alone
     store = Store(case.survival.store, limit=1)
-    store._make_room()
+    store.make_room()
     case.again += CASES - len(case.entries())
 
 

@@ -261,12 +261,12 @@ def run_provenance(backend: Named, scene: Scene, settings: Mapping[str, Any]) ->
 
 def versions_of(*packages: str) -> dict[str, str | None]:
     """Return the version of each package, None for one that is not installed, and that of Python."""
-    return {name: _version(name) for name in packages} | {"python": platform.python_version()}
+    return {name: version_of(name) for name in packages} | {"python": platform.python_version()}
 
 
 @cache
-def _version(package: str) -> str | None:
-    # read once: it is longer than a short run
+def version_of(package: str) -> str | None:
+    """Return the version of an installed package, or None; it is read once, which takes longer than a short run."""
     from importlib import metadata
 
     with suppress(metadata.PackageNotFoundError):

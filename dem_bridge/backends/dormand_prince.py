@@ -268,7 +268,7 @@ def _look(
             if body < n:
                 size, err = max(size, abs(new[body])), err + abs(doubt[body])
         unseen = max(SEEN * err, 4.0 * 2.0**-52 * size, 1e-300)
-        falls, count = _falls(rate, last)
+        falls, count = find_falls(rate, last)
         for s in falls[:count]:
             top = overlap[0] + _above(overlap[1:], s)
             if top > unseen:
@@ -300,7 +300,7 @@ def _positive_somewhere(c: Floats) -> bool:
 
 
 @kernel()
-def _falls(c: Floats, last: float) -> tuple[Floats, int]:
+def find_falls(c: Floats, last: float) -> tuple[Floats, int]:
     """Return where in [0, 1] the quartic ``sum_j c[j] s^j`` falls through zero, ascending, and how many times.
 
     ``last`` is its value at 1, equal to the last digit to that of the next step's start, so that no fall is seen twice

@@ -58,7 +58,7 @@ class Ode45(AlwaysAvailable):
         Raises RunBroken where the step falls below 16 units in the last place of t, as ode45 warns and stops.
         """
         rtol, atol = _tolerances(resolution)
-        run = self._solve(scene, sampling, rtol, np.full(2 * scene.n_body, atol), SHARE, False)
+        run = self.solve_once(scene, sampling, rtol, np.full(2 * scene.n_body, atol), SHARE, False)
         settings = {"rtol": rtol, "atol": atol, "samples": sampling.count}
         return replace(run, provenance={**run.provenance, "settings": settings})
 
@@ -72,13 +72,14 @@ class Ode45(AlwaysAvailable):
         absolute = np.minimum(atol, rtol * state_scales(scene))
         # at rest there is no scale
         return [
-            self._solve(scene, sampling, max(part * rtol, LEAST), np.maximum(part * absolute, 1e-300), share, True)
+            self.solve_once(scene, sampling, max(part * rtol, LEAST), np.maximum(part * absolute, 1e-300), share, True)
             for part, share in zip(TIGHTER, REPLICA_SHARES, strict=True)
         ]
 
-    def _solve(
+    def solve_once(
         self, scene: Scene, sampling: Sampling, rtol: float, atol: NDArray[np.float64], share: float, wary: bool
     ) -> Trajectory:
+        """Return one run at these tolerances, without its uncertainty."""
         watch = Stopwatch()
         c, times = scene.contacts, sampling.times(scene.duration)
         *arrays, accepted, failed, ended, at = interruptible(

@@ -26,7 +26,7 @@ Row = Any
 #: fraction of 1/omega taken as the step
 _STEP = 0.1
 #: contacts times steps that are interpreted in less time than the compiler takes to load; steps of most scenes
-_INTERPRETED, _USUAL_STEPS = 150_000, 2_000
+MOST_INTERPRETED, _USUAL_STEPS = 150_000, 2_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,12 +95,12 @@ def interpretable(scene: Scene) -> bool:
     that of the kernel. For the functions of a drive numpy has code of its own.
     """
     steps = _USUAL_STEPS * (_STEP / _fraction(scene))
-    return "numba" not in sys.modules and scene.drive is None and scene.n_contact * steps <= _INTERPRETED
+    return "numba" not in sys.modules and scene.drive is None and scene.n_contact * steps <= MOST_INTERPRETED
 
 
 def _interpreted(scene: Scene, arguments: tuple[Any, ...]) -> Any:
     """Return what the kernel returns, without its compiler; None if the interpreter is not to be taken."""
-    most = _INTERPRETED // max(scene.n_contact, 1)
+    most = MOST_INTERPRETED // max(scene.n_contact, 1)
     with suppress(ArithmeticError):  # where C goes on with inf
         if interpretable(scene) and (result := _run.interpret(*_as_lists((*arguments, most))))[-1] < most:
             return result

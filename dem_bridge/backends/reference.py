@@ -108,7 +108,7 @@ class Reference(AlwaysAvailable):
         of_left[c.right[inner_right]] = np.flatnonzero(inner_right)
         touch = unfelt * _unfelt(scene, speed, depth)
         # the usual unit, and where coefficients are beyond doubles in it one in which those of faint contacts are not
-        for unit in dict.fromkeys((_time_unit(scene, speed, depth), _time_unit(scene, speed, depth, touch))):
+        for unit in dict.fromkeys((time_unit(scene, speed, depth), time_unit(scene, speed, depth, touch))):
             x, v, force, deepest, crossing, steps, openings, closings = interruptible(
                 integrate,
                 np.array(scene.mass),
@@ -158,7 +158,7 @@ def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[n
     return np.asarray(touch * depth * felt ** (1.0 / (c.exponent - 1.0)))
 
 
-def _time_unit(scene: Scene, speed: float, depth: NDArray[np.float64], *faint: NDArray[np.float64]) -> float:
+def time_unit(scene: Scene, speed: float, depth: NDArray[np.float64], *faint: NDArray[np.float64]) -> float:
     """Return the unit of time, s, in which coefficients of the series are numbers: a power of two, 1 if that serves.
 
     The series of a contact that is ``d`` deep and lasts ``t`` go in powers of ``sqrt(d)/t``. A body that is light

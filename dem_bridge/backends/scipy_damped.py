@@ -63,14 +63,15 @@ class DampedIntegration(Integration):
         force = self._force(rows)
         return np.where(state == PRESSING, np.maximum(force, 0.0) if self.clip else force, 0.0)
 
-    def _start(self, y: Floats) -> NDArray[Any]:
+    def state_at_start(self, y: Floats) -> NDArray[Any]:
+        """Return the state of the contacts at the start: a damped contact is SLACK where its force is clipped."""
         overlap = y[: self.k]
         pushes = (self._force(y[None])[0] > 0.0) | (self.contacts["damping"] == 0.0) | (not self.clip)
-        touching = (overlap == 0.0) & (self._closing(y) >= 0.0)
+        touching = (overlap == 0.0) & (self.closing_rates(y) >= 0.0)
         return np.where(overlap > 0.0, np.where(pushes, PRESSING, SLACK), np.where(touching, PRESSING, OPEN))
 
     def _switch(self, contact: int, y: Floats, state: NDArray[Any]) -> None:
-        rate = float(self._closing(y)[contact])
+        rate = float(self.closing_rates(y)[contact])
         # with n < 2 an overlap that is felt may be less than that which passes in the last digits of a time
         touch = max(float(self.touch[contact]), LAST_DIGITS * self.last_event * abs(rate))
         at_touch, parting = y[contact] <= touch, rate < 0.0
@@ -83,7 +84,7 @@ class DampedIntegration(Integration):
         if at_touch:
             put_on_its_side(contact, y, state, touch)
 
-    def _margins(self, rows: Floats, state: NDArray[Any]) -> Floats:
+    def margins(self, rows: Floats, state: NDArray[Any]) -> Floats:
         """Return how far each contact is from a change of its state, ``(n_row, n_contact)``: see the kernel."""
         margins = np.empty((len(rows), self.k))
         elastic = self._elastic(rows[:, : self.k])
@@ -91,11 +92,11 @@ class DampedIntegration(Integration):
         kernels.margins(rows, state, elastic, self.contacts, self.n, *limits, margins)
         return margins
 
-    def _first_event(self, solver: DOP853, step: Step, state: NDArray[Any]) -> tuple[float, int] | None:
+    def first_event(self, solver: DOP853, step: Step, state: NDArray[Any]) -> tuple[float, int] | None:
         """Return the earliest change of state inside the last step, as (time, contact), or None."""
         times = solver.t_old + PROBES * (solver.t - solver.t_old)
         self.rows = step.dense(times).T
-        margins = self._margins(self.rows, state)
+        margins = self.margins(self.rows, state)
         # the start itself does not count: it is the zero of the last event, with its round-off
         ended = margins < -1.0
         ended[0] = False
@@ -108,7 +109,7 @@ class DampedIntegration(Integration):
                 continue
 
             def margin(t: float, contact: int = contact) -> float:
-                return float(self._margins(step.dense(t)[None], state)[0, contact])
+                return float(self.margins(step.dense(t)[None], state)[0, contact])
 
             events.append((root_of(margin, float(times[before[-1]]), float(times[first])), contact))
         events += self._grazes(solver, step, state)

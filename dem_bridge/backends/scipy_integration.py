@@ -187,14 +187,14 @@ class Integration:
         end, drive = self.scene.duration, self.scene.drive
         breaks = [] if drive is None else drive.breaks[drive.breaks < end].tolist()
         y = np.concatenate([-self.gap, np.array(self.scene.velocity), [0.0]])
-        state = self._start(y)
+        state = self.state_at_start(y)
         self._keep(np.array([0]), y[None], state)
         at, sample = 0.0, 1
         while at < end:
             # a high order needs smooth forces: it ends, too, where a drive bends
             stop = breaks[bisect_right(breaks, at)] if breaks and at < breaks[-1] else end
             with np.errstate(over="ignore", invalid="ignore"):  # a trial step may be far too long, and is refused
-                solver = DOP853(self._slope(state), at, y, stop, rtol=self.rtol, atol=self.atol)
+                solver = DOP853(self.derivative(state), at, y, stop, rtol=self.rtol, atol=self.atol)
             solver.h_abs = min(solver.h_abs, self._longest_start(y))
             event = None
             while event is None and solver.status == "running":
@@ -211,7 +211,7 @@ class Integration:
                 np.minimum(self.lowest, solver.y[: self.k], out=self.lowest)
                 step = Step(solver, self.contacts)
                 self._examine(solver, begin, state)
-                event = self._first_event(solver, step, state)
+                event = self.first_event(solver, step, state)
                 until = solver.t if event is None else event[0]
                 while self.near_touches and self.near_touches[-1]["time"] > until:
                     self.near_touches.pop()  # without what happens before it
@@ -231,15 +231,15 @@ class Integration:
                 self.restarts += 1
         self._note_end(end, y, state)
 
-    def _start(self, y: Floats) -> NDArray[Any]:
+    def state_at_start(self, y: Floats) -> NDArray[Any]:
         """Return the state of the contacts at the start."""
         np.maximum(self.peak_force, self._force(y[None])[0], out=self.peak_force)
         overlap = y[: self.k]
-        return np.where((overlap > 0.0) | ((overlap == 0.0) & (self._closing(y) >= 0.0)), PRESSING, OPEN)
+        return np.where((overlap > 0.0) | ((overlap == 0.0) & (self.closing_rates(y) >= 0.0)), PRESSING, OPEN)
 
     def _longest_start(self, y: Floats) -> float:
         """Return the longest first step, s, where a contact of nearly whole exponent begins; else inf."""
-        rate, contacts = self._closing(y), self.contacts
+        rate, contacts = self.closing_rates(y), self.contacts
         in_touch = (y[self.nearly_whole] >= 0.0) & (y[self.nearly_whole] <= self.touch[self.nearly_whole])
         begins = self.nearly_whole[in_touch & (rate[self.nearly_whole] > 0.0)]
         mobility = np.append(self.bodies["mobility"], 0.0)
@@ -265,7 +265,7 @@ class Integration:
         self.evaluations += again.nfev
         return np.array(again.y if again.status == "finished" else step.dense(at))
 
-    def _closing(self, y: Floats) -> Floats:
+    def closing_rates(self, y: Floats) -> Floats:
         """Return the closing rate of every contact; of a derivative of the state the closing acceleration."""
         rates = np.empty(self.k)
         kernels.closing_rates(y, self.contacts, self.n, rates)
@@ -288,7 +288,7 @@ class Integration:
         kernels.contact_forces(rows, self._elastic(rows[:, : self.k]), self.contacts, self.n, forces)
         return forces
 
-    def _slope(self, state: NDArray[Any]) -> Callable[[float, Floats], Floats]:
+    def derivative(self, state: NDArray[Any]) -> Callable[[float, Floats], Floats]:
         """Return the right-hand side for a fixed state of the contacts: smooth across the closing of any other."""
         k, contacts, bodies, drag, drive = self.k, self.contacts, self.bodies, self.scene.drag, self.drive
         derivative, nothing = kernels.derivative.compiled, np.empty(0)
@@ -309,7 +309,7 @@ class Integration:
             old, new, begin, solver.f, width, state, self.contacts, self.n, self.touch, self.resting, self.marks
         )
 
-    def _first_event(self, solver: DOP853, step: Step, state: NDArray[Any]) -> tuple[float, int] | None:
+    def first_event(self, solver: DOP853, step: Step, state: NDArray[Any]) -> tuple[float, int] | None:
         """Return the earliest opening or closing inside the last step, as (time, contact), or None.
 
         A contact that leaves touch without ever having had a force is opened in ``state``, in place.
@@ -347,11 +347,11 @@ class Integration:
         """
         old, new = solver.t_old, solver.t
         brackets = [(old, new, contact) for contact in np.flatnonzero(self.marks & kernels.FALLS).tolist()]
-        slope = self._slope(state)
+        slope = self.derivative(state)
         for contact in np.flatnonzero(self.marks & (kernels.DIPS | kernels.BUMPS)).tolist():
 
             def bend(t: float, contact: int = contact) -> float:
-                return float(self._closing(slope(t, step.dense(t)))[contact])
+                return float(self.closing_rates(slope(t, step.dense(t)))[contact])
 
             if bend(old) * bend(new) >= 0.0:
                 continue
@@ -388,7 +388,7 @@ class Integration:
                 self.peak_force[contact] = max(self.peak_force[contact], self._force_at(y, contact))
             if first:
                 slowing = self._slowing(contact, when, y, state)
-                late = self._closing(y)[contact] / slowing if slowing > 0.0 else 0.0
+                late = self.closing_rates(y)[contact] / slowing if slowing > 0.0 else 0.0
                 self.slowing_at_crossing[str(contact)] = slowing
                 self.crossing_time[contact] = min(max(when + late, solver.t_old), solver.t)
 
@@ -407,7 +407,7 @@ class Integration:
 
     def _note_end(self, end: float, y: Floats, state: NDArray[Any]) -> None:
         """Keep which contacts approach near touch, or near their first maximum of compression, at the end."""
-        rates = self._closing(y)
+        rates = self.closing_rates(y)
         been_open = self.lowest < -self.touch
         near = (rates >= 0.0) & (np.abs(y[: self.k]) <= self.near) & been_open
         slow = (rates > 0.0) & (rates <= self.slow) & (state != OPEN) & np.isnan(self.crossing_time)
@@ -426,7 +426,7 @@ class Integration:
 
     def _slowing(self, contact: int, when: float, y: Floats, state: NDArray[Any]) -> float:
         """Return how fast the closing rate of a contact falls, m/s^2."""
-        return -float(self._closing(self._slope(state)(when, y))[contact])
+        return -float(self.closing_rates(self.derivative(state)(when, y))[contact])
 
     def _keep(self, samples: NDArray[np.int64], rows: Floats, state: NDArray[Any]) -> None:
         """Store the states ``rows (n_row, n_state)`` as samples. Positions follow from body 0 and the overlaps."""

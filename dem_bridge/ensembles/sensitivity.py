@@ -98,7 +98,7 @@ def sobol_indices(
     count = len(variation.columns)
     steps = steps_for(variation.scene, variation.block(0, PILOT), accuracy)
     sample = qmc.Sobol(2 * count, scramble=True, rng=np.random.default_rng(variation.seed)).random(base)
-    uniform = _exchanged(sample[:, :count], sample[:, count:])
+    uniform = exchange_columns(sample[:, :count], sample[:, count:])
     values = _solved(variation, measures, uniform, steps, executor, progress)
     if np.any(np.isnan(values)):
         raise UsageError(
@@ -113,7 +113,10 @@ def sobol_indices(
     quantiles = [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE]
     estimates, ends, leading, sums = [], [], [], []
     for blocks in scaled:
-        estimate, resampled = _estimates(blocks, np.full((1, base), 1.0 / base))[..., 0], _estimates(blocks, weights)
+        estimate, resampled = (
+            estimate_indices(blocks, np.full((1, base), 1.0 / base))[..., 0],
+            estimate_indices(blocks, weights),
+        )
         estimates.append(estimate)
         ends.append(np.quantile(resampled, quantiles, axis=-1))
         leading.append(may_be_largest(estimate[0], resampled[0]))
@@ -133,7 +136,7 @@ def sobol_indices(
     )
 
 
-def _exchanged(first: Floats, second: Floats) -> Floats:
+def exchange_columns(first: Floats, second: Floats) -> Floats:
     """Return two samples, the first with each column of the second, and the second with each column of the first."""
     count = first.shape[1]
     blocks = [first, second]
@@ -144,10 +147,10 @@ def _exchanged(first: Floats, second: Floats) -> Floats:
     return np.concatenate(blocks)
 
 
-def _estimates(blocks: Floats, weights: Floats) -> Floats:
+def estimate_indices(blocks: Floats, weights: Floats) -> Floats:
     """Return first-order and total indices of a measure, ``(2, n_column, n_weight)``.
 
-    ``blocks`` are the values of :func:`_exchanged` without their mean, ``(2 n_column + 2, n_base)``; each of the
+    ``blocks`` are the values of :func:`exchange_columns` without their mean, ``(2 n_column + 2, n_base)``; each of the
     ``weights``, ``(n_weight, n_base)``, weighs the rows of the samples.
     """
     first, second, (mixed, other) = blocks[0], blocks[1], np.split(blocks[2:], 2)

@@ -44,9 +44,9 @@ _SAFETY = 6.0
 #: the same for velocities at samples, whose scale is the largest velocity and not each one's own
 _SAFETY_OF_SAMPLES = 3.0
 #: least closing rate at which a touch is corrected, of the speed of the chain
-_SLOW = 1e-6
+SLOWEST_TOUCH = 1e-6
 #: most steps of a chain
-_MOST_STEPS = 1_000_000
+MOST_STEPS = 1_000_000
 
 
 def check_solvable(scene: Scene) -> None:
@@ -117,7 +117,7 @@ def _group(scene: Scene, chains: Chains, steps: int, kept: Floats) -> dict[str, 
         law,
         contacts(resting),
         jacobi_rules(power),
-        _SLOW * _speed(scene),
+        SLOWEST_TOUCH * _speed(scene),
         SRKN_6B.drifts,
         SRKN_6B.kicks,
         scene.duration / steps,
@@ -189,7 +189,7 @@ def steps_for(scene: Scene, chains: Chains, accuracy: float, samples: int | None
     trial = max(8.0, scene.duration * frequency / _FIRST_PHASE) / _FACTOR
     before: tuple[int, dict[str, Floats]] | None = None
     steps = 0
-    while trial < _MOST_STEPS:
+    while trial < MOST_STEPS:
         trial = max(trial * _FACTOR, steps + 1.0)
         steps = every * max(1, math.ceil(trial / every))
         try:
@@ -200,7 +200,7 @@ def steps_for(scene: Scene, chains: Chains, accuracy: float, samples: int | None
             return before[0]
         before = steps, values
     raise UsageError(
-        f"{scene.name}: accuracy = {accuracy:g} needs more than {_MOST_STEPS:g} steps; give a larger accuracy"
+        f"{scene.name}: accuracy = {accuracy:g} needs more than {MOST_STEPS:g} steps; give a larger accuracy"
     )
 
 

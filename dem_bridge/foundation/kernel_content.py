@@ -32,7 +32,7 @@ _PARTS = (
     "co_kwonlyargcount", "co_flags", "co_exceptiontable",
 )  # fmt: skip
 #: content of each function when it was first identified: what was compiled since then has these values
-_first: WeakKeyDictionary[FunctionType, Content] = WeakKeyDictionary()
+first_identified: WeakKeyDictionary[FunctionType, Content] = WeakKeyDictionary()
 _lock = Lock()
 
 
@@ -79,7 +79,7 @@ def _digest(reached: dict[FunctionType, Content]) -> str:
     digest = hashlib.sha256()
     for member, (text, references) in reached.items():
         with _lock:
-            if _first.setdefault(member, (text, references)) != (text, references):
+            if first_identified.setdefault(member, (text, references)) != (text, references):
                 raise Unidentified(f"a value that {member.__qualname__} uses has changed since it was first compiled")
         digest.update(f"{text}\n{[places[other] for other in references]}\n".encode())
     return digest.hexdigest()

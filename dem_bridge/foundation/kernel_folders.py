@@ -46,7 +46,7 @@ def lasting_folder() -> tuple[Path | None, str]:
     """Return the folder in which kernels last, None if there is none, and why each root before it cannot be used."""
     faults: list[str] = []
     for root in roots():
-        if not (fault := _fault(folder_in(root))):
+        if not (fault := write_fault(folder_in(root))):
             return folder_in(root), "; ".join(faults)
         faults.append(f"{root} ({fault})")
     return None, "; ".join(faults)
@@ -69,7 +69,7 @@ def folder_to_write() -> Path | None:
         folder_in(temporary).mkdir(mode=0o700)
     except OSError:
         return None
-    atexit.register(_remove, temporary, os.getpid())
+    atexit.register(remove_own, temporary, os.getpid())
     os.environ[VARIABLE] = str(temporary)
     return folder_in(temporary)
 
@@ -110,7 +110,7 @@ def say(text: str) -> None:
         print(f"dem-bridge: {' '.join(text.split())}", file=sys.stderr, flush=True)
 
 
-def _fault(folder: Path) -> str:
+def write_fault(folder: Path) -> str:
     """Create a folder; return why it cannot be used, '' if it can."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -121,6 +121,7 @@ def _fault(folder: Path) -> str:
     return "" if is_safe(folder) else "another user can write to it"
 
 
-def _remove(folder: Path, process: int) -> None:
+def remove_own(folder: Path, process: int) -> None:
+    """Remove a temporary folder, unless this process is a copy of the one that made it."""
     if os.getpid() == process:  # a copy of this process still uses it
         shutil.rmtree(folder, ignore_errors=True)

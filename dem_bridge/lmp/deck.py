@@ -174,7 +174,7 @@ def deck_of(
     files = {f"in.{scene.name}": _input(line, schedule, floor), f"data.{scene.name}": _lines(*_data(line))}
     files |= line.pairing.files
     if len(line.masses) > MOST_SETS:
-        rows = _rows("{} {!r}".format, line.mass)
+        rows = numbered_rows("{} {!r}".format, line.mass)
         files[f"masses.{scene.name}"] = _lines(_header(scene, "masses in kg"), f"{len(line.mass)}", *rows)
     if scene.drive is not None and scene.drive.shape == "table":
         files[f"drive.{scene.name}"] = _lines(_header(scene, "force on body 0 in N"), *drive_file(scene.drive))
@@ -349,14 +349,14 @@ def _data(line: _Line) -> Iterator[str]:
     yield ""
     density = line.mass / (4.0 / 3.0 * math.pi * line.radius**3)
     row = f"{{}} {{}} {2.0 * line.radius!r} {{!r}} {{!r}} 0 0".format
-    yield from _rows(row, line.types, density, line.place)
+    yield from numbered_rows(row, line.types, density, line.place)
     yield ""
     yield "Velocities"
     yield ""
-    yield from _rows("{} {!r} 0 0 0 0 0".format, line.velocity)
+    yield from numbered_rows("{} {!r} 0 0 0 0 0".format, line.velocity)
 
 
-def _rows(row: Callable[..., str], *columns: NDArray[Any], block: int = 10_000) -> Iterator[str]:
+def numbered_rows(row: Callable[..., str], *columns: NDArray[Any], block: int = 10_000) -> Iterator[str]:
     """Yield lines ``row(atom id, *values)`` in blocks, so that a long chain never exists as one object per body."""
     for begin in range(0, len(columns[0]), block):
         values = [column[begin : begin + block].tolist() for column in columns]

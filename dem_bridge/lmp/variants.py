@@ -200,7 +200,7 @@ def flat_walls(deck: Deck, scene: Scene, *, style: str = "granular", region: boo
     for side, atom, contact in walls:
         inward = 1.0 if side == "left" else -1.0
         plane = float(deck.line[atom - 1]) + inward * deck.surrogate_radius
-        law = _flat_law(scene, contact, deck.surrogate_radius, style)
+        law = flat_law(scene, contact, deck.surrogate_radius, style)
         where = f"xplane {f'{plane!r} NULL' if side == 'left' else f'NULL {plane!r}'}"
         if region:
             lines.append(f"region          plane_{side} plane {plane!r} 0 0 {inward:g} 0 0")
@@ -220,7 +220,7 @@ def flat_walls(deck: Deck, scene: Scene, *, style: str = "granular", region: boo
     return replace(_changed(deck, {deck.input_file: text, data: rows}), types=mark)
 
 
-def _flat_law(scene: Scene, contact: int, radius: float, style: str) -> str:
+def flat_law(scene: Scene, contact: int, radius: float, style: str) -> str:
     """Return the law of a body of ``radius`` (m) on a plane: R_eff = R and m_eff = m."""
     c, (damping, etas) = scene.contacts, damping_model(scene)
     body = min(int(c.left[contact]), int(c.right[contact]))

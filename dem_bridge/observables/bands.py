@@ -131,13 +131,17 @@ def measured_bands(
         frequency=frequency,
         trace=trace,
         transmission=np.abs(spectra[:, -1]) / np.abs(spectra[:, 0]),
-        edges=_crossings(frequency, medfilt(trace, ALONE)),
+        edges=band_edges(frequency, medfilt(trace, ALONE)),
         resolution=1.0 / length,
     )
 
 
-def _crossings(frequency: Floats, trace: Floats) -> tuple[float, ...]:
-    """Return the frequencies at which the trace passes 2 or -2, by linear interpolation between two frequencies."""
+def band_edges(frequency: Floats, trace: Floats) -> tuple[float, ...]:
+    """Return the frequencies at which the trace passes 2 or -2, by linear interpolation between two frequencies.
+
+    >>> band_edges(np.array([10.0, 11.0, 12.0]), np.array([1.0, 3.0, 3.0]))
+    (10.5,)
+    """
     results = []
     for level in (2.0, -2.0):
         off = trace - level

@@ -191,7 +191,7 @@ def _compute_peak_velocities(scene: Scene, trajectory: Trajectory) -> PeakVeloci
         sampling[which] = (np.abs(slope) * arrival_uncertainty(None, trajectory)[1:][handed])[still]
         late_peak[which] = True
     if not np.any(np.isnan(a)):
-        sampling += _difference_of_fewer(trajectory, v, a, when)
+        sampling += difference_of_fewer(trajectory, v, a, when)
     # a pulse that fell between two samples of binary collisions is not known
     missing = np.isnan(came) | ~(peak > 0.0)
     sampling[np.any(np.isnan(a), axis=0)] = np.nan
@@ -213,7 +213,7 @@ def _maximum(trajectory: Trajectory, v: Floats, a: Floats, early: Floats, late: 
     return when, hermite(trajectory, v, a, when)
 
 
-def _difference_of_fewer(trajectory: Trajectory, v: Floats, a: Floats, when: Floats) -> Floats:
+def difference_of_fewer(trajectory: Trajectory, v: Floats, a: Floats, when: Floats) -> Floats:
     """Return the largest difference of polynomials through fewer samples around each velocity's own time.
 
     It is that of four samples from six where it is far smaller than that of two from four; elsewhere the samples are

@@ -92,11 +92,14 @@ def pulse_width_by_force(scene: Scene, trajectory: Trajectory, *, share: float =
     by_duration = np.full(links, np.nan)
     by_duration[1:-1] = (fall - rise)[1:-1] / (0.5 * (crossing[2:] - crossing[:-2]))
     return PulseWidth(
-        width=_place(rise, crossing) - _place(fall, crossing), by_duration=by_duration, rise=rise, fall=fall
+        width=place_of_edge(rise, crossing) - place_of_edge(fall, crossing),
+        by_duration=by_duration,
+        rise=rise,
+        fall=fall,
     )
 
 
-def _place(passing: Floats, when: Floats) -> Floats:
+def place_of_edge(passing: Floats, when: Floats) -> Floats:
     """Return the contact, fractions included, at which an edge is; nan where unknown.
 
     An edge that is at a contact before it is at the one behind, as in a pulse that still forms, starts anew there.
@@ -232,7 +235,7 @@ def _split(scene: Scene, trajectory: Trajectory) -> tuple[LeadingPulse, Reflecte
     stored = scene.contacts.energy(np.nan_to_num(overlap), every)
     force = scene.contacts.force(np.nan_to_num(overlap), every)[:, :links]
     kinetic, momentum = 0.5 * mass * v**2, mass * v
-    rear = np.array([_rear(force[k], k) if np.isfinite(time[k]) else -1 for k in range(links)])
+    rear = np.array([rear_of_pulse(force[k], k) if np.isfinite(time[k]) else -1 for k in range(links)])
     leads = np.arange(scene.n_body) >= rear[:, None]
     # contact j, before body j + 1, is in the pulse if body j is; a wall's is not
     in_pulse = np.zeros((links, scene.n_contact), dtype=bool)
@@ -269,7 +272,7 @@ def _split(scene: Scene, trajectory: Trajectory) -> tuple[LeadingPulse, Reflecte
     return pulse, behind
 
 
-def _rear(force: Floats, k: int) -> int:
+def rear_of_pulse(force: Floats, k: int) -> int:
     """Return the first body of the pulse whose peak is in contact k: that behind the contact with the least force."""
     for j in range(k - 1, -1, -1):
         if force[j] == 0.0 or (j > 0 and force[j - 1] > force[j]):

@@ -175,10 +175,10 @@ def jkr_impact(*, mass: float, speed: float, stiffness: float, pull_off: float, 
     force = above(0.0, "pull_off", pull_off, "N")
     length = (force / beta) ** (2.0 / 3.0)
     unit = force * length
-    loss, total = unit * (_jkr_energy(_BREAK[breaks_at]) - _jkr_energy(_TOUCH)), energy / unit + _jkr_energy(_TOUCH)
+    loss, total = unit * (jkr_energy(_BREAK[breaks_at]) - jkr_energy(_TOUCH)), energy / unit + jkr_energy(_TOUCH)
     # the energy exceeds (2/5) s^10 - (4/3) s^7, and s^10/15 from s^3 = 4 on
     most = max(4.0 ** (1.0 / 3.0), (15.0 * max(total, 0.0)) ** 0.1)
-    state = float(brentq(lambda s: _jkr_energy(s) - total, math.cbrt(2.0), most * 1.01, xtol=1e-16, rtol=1e-15))
+    state = float(brentq(lambda s: jkr_energy(s) - total, math.cbrt(2.0), most * 1.01, xtol=1e-16, rtol=1e-15))
     return AdhesiveImpact(
         peak_overlap=length * (state**4 - 4.0 / 3.0 * state),
         peak_force=force * (state**6 - 2.0 * state**3),
@@ -189,8 +189,15 @@ def jkr_impact(*, mass: float, speed: float, stiffness: float, pull_off: float, 
     )
 
 
-def _jkr_energy(s: float) -> float:
-    """Return the energy of the JKR contact over P L, relative to a contact of radius 0."""
+def jkr_energy(s: float) -> float:
+    """Return the energy of the JKR contact over P L, relative to a contact of radius 0.
+
+    ``s`` is the square root of the radius of the contact, in units in which the overlap is ``L (s^4 - 4/3 s)`` and the
+    force ``P (s^6 - 2 s^3)``.
+
+    >>> round(jkr_energy(2.0 ** (1.0 / 3.0)), 12)  # without force: -(2/5) 2^(4/3)
+    -1.007936839916
+    """
     return 0.4 * s**10 - 4.0 / 3.0 * s**7 + 2.0 / 3.0 * s**4
 
 

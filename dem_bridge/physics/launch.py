@@ -138,7 +138,7 @@ def _launch(
     run = solve_ivp(motion, (0.0, 1e6), state, method="DOP853", rtol=1e-9, atol=1e-11, events=passed, dense_output=True)
     time = np.linspace(0.0, run.t[-1], math.ceil(PER_TIME * n1 * run.t[-1]))
     x = run.sol(time)[: links + 1]
-    force, peak_time = np.array([_first_peak(time, x[k] - x[k + 1], beta[k], power[k]) for k in range(formed + 1)]).T
+    force, peak_time = np.array([first_peak(time, x[k] - x[k + 1], beta[k], power[k]) for k in range(formed + 1)]).T
     scale = force[-1] ** (1.0 / (n1 - 1.0)) / local.peak_overlap
     speed = scale ** (0.5 * n1 - 1.0)
     share = local.energy * scale**n1 / (0.5 * mass_ratio)
@@ -148,7 +148,7 @@ def _launch(
     return float(share), float(expected[0] - 0.5 / speed), float(speed), ratio, late
 
 
-def _first_peak(time: Floats, overlap: Floats, stiffness: float, power: float) -> tuple[float, float]:
+def first_peak(time: Floats, overlap: Floats, stiffness: float, power: float) -> tuple[float, float]:
     """Return force and time of the first maximum above round-off, from a parabola through three samples."""
     inner = overlap[1:-1]
     j = int(np.argmax((inner > 1e-3 * np.max(overlap)) & (inner >= overlap[:-2]) & (inner > overlap[2:]))) + 1

@@ -135,11 +135,11 @@ def sources(package: Path = PACKAGE) -> tuple[Path, ...]:
 def changed_since_start(package: Path = PACKAGE) -> bool:
     """Return True if a file of the package is younger than this process."""
     # the time of change and not of the text: a copy of an older file is a change, too
-    return max(file.stat().st_ctime for file in sources(package)) > _started()
+    return max(file.stat().st_ctime for file in sources(package)) > process_start()
 
 
 @cache
-def _started() -> float:
+def process_start() -> float:
     """Return when this process began, s since the epoch: the end of that tick, before any import of this package."""
     ticks = started(os.getpid()) + 1
     return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + ticks / os.sysconf("SC_CLK_TCK")

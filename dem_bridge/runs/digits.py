@@ -57,7 +57,7 @@ def fingerprint() -> str:
     >>> len(fingerprint()), fingerprint() == fingerprint()
     (40, True)
     """
-    return _whole()
+    return digits_of_place()
 
 
 def planned_fingerprint() -> str:
@@ -76,10 +76,11 @@ def made_at(place: str) -> Iterator[None]:
 
 
 @cache
-def _whole() -> str:
+def digits_of_place() -> str:
+    """Return the digest of all probes, interpreted and compiled, which are computed once."""
     parts = probes()
-    interpreted = _digest(parts)
-    return _digest({"interpreted": interpreted, "compiled": _compiled_digits(interpreted)})
+    interpreted = digest_of(parts)
+    return digest_of({"interpreted": interpreted, "compiled": compiled_digits(interpreted)})
 
 
 def probes() -> Mapping[str, str]:
@@ -104,7 +105,7 @@ def probes() -> Mapping[str, str]:
         matrix = _numbers(size * size).reshape(size, size) - 0.7 + np.eye(size)
         for name, of_matrix in _ALGEBRA.items():
             found.setdefault(f"algebra {name}", []).extend(of_matrix(matrix))
-    return {name: _digest(values) for name, values in found.items()}
+    return {name: digest_of(values) for name, values in found.items()}
 
 
 #: routines of linear algebra
@@ -126,7 +127,7 @@ def _numbers(count: int) -> Floats:
     return np.asarray((place * place * 40_503 + place * 12_345) % 65_521 / 65_536.0 + 0.25 + 2.0**-40)
 
 
-def _digest(values: Any) -> str:
+def digest_of(values: Any) -> str:
     """Return the first 40 digits of the sha256 of texts by name, or of the bits of numbers and arrays."""
     if isinstance(values, dict):
         content = repr(sorted(values.items())).encode()
@@ -150,28 +151,28 @@ def compiled_probe(numbers: Floats, out: Floats) -> None:
     out[:, 6] += np.sum(numbers * out[:, 1])
 
 
-def _compiled_digits(interpreted: str) -> str:
+def compiled_digits(interpreted: str) -> str:
     """Return the digest of what the compiled probe computes.
 
     numba takes half a second to import. What the probe computed before with the same compiler is therefore kept beside
     the compiled kernels. The machine code depends on versions, processor and settings, and what it computes besides on
     the C library, which the other probes know.
     """
-    name = f"{_PREFIX}{_digest(_compiler(interpreted))}"
+    name = f"{_PREFIX}{digest_of(_compiler(interpreted))}"
     for folder in folders_to_read():
         with suppress(OSError, ValueError):  # not there, or damaged: it is computed again
             path = folder / name
             kept, check = path.read_text(encoding="ascii").split()
-            if check == _digest({name: kept}) and is_safe(path):
+            if check == digest_of({name: kept}) and is_safe(path):
                 return kept
     numbers = _numbers(200)
     out = np.zeros((len(numbers), 8))
     compiled_probe(numbers, out)
-    computed = _digest([out])
+    computed = digest_of([out])
     if (place := folder_to_write()) is not None:
         part = place / f"{owned('part')}{os.urandom(4).hex()}"
         with suppress(OSError):  # it is computed again in the next process
-            part.write_text(f"{computed} {_digest({name: computed})}", encoding="ascii")
+            part.write_text(f"{computed} {digest_of({name: computed})}", encoding="ascii")
             part.chmod(0o644)
             part.replace(place / name)
     return computed

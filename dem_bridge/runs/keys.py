@@ -146,12 +146,12 @@ def _determined_by(
         "engine": of_engine,
         "versions": versions_of("dem-bridge", "numpy", "scipy", "numba", "llvmlite", "ase"),
         "digits": planned_fingerprint(),
-        "machine": None if of_engine is None else _machine(),
+        "machine": None if of_engine is None else machine_of_engine(),
         "variables": None if of_engine is None else {name: os.environ.get(name) for name in _VARIABLES},
     }
 
 
-def _machine() -> list[str]:
+def machine_of_engine() -> list[str]:
     """Return the processor and the C library, between whose variants a LAMMPS may choose."""
     return [platform.machine(), *platform.libc_ver(), *processor()]
 

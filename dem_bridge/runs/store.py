@@ -194,7 +194,7 @@ class Store:
             self._place(key, whole)
             self._room -= len(whole)
             if self._room < 0:
-                self._make_room()
+                self.make_room()
         except (UsageError, OSError) as error:
             self._cannot_write(error)
         return self._writes
@@ -209,8 +209,8 @@ class Store:
         finally:
             part.unlink(missing_ok=True)
 
-    def _make_room(self) -> None:
-        """Down to nine tenths of the limit if it is passed. Between two looks other processes may pass it a little."""
+    def make_room(self) -> None:
+        """Remove the oldest entries down to nine tenths of the limit, where it is passed, and files left behind."""
         entries, now = [], time.time()
         for entry in os.scandir(self.folder):
             with suppress(FileNotFoundError):  # another process was here

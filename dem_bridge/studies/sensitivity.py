@@ -114,8 +114,8 @@ def study_sensitivity(
         {"scene": scene.name},
         answer=(
             TEXTS("arrival", share=indices.deviation[0] / indices.mean[0], **texts),
-            *(_largest(name, indices, row) for row, name in enumerate(MEASURES)),
-            *_interactions(MEASURES[0], indices, 0),
+            *(sentence_on_largest(name, indices, row) for row, name in enumerate(MEASURES)),
+            *sentences_on_sum(MEASURES[0], indices, 0),
             TEXTS("tolerance", effect=effect, allowed=allowed, confirmed=confirmed, count=_CHAINS, **texts),
         ),
         tables=(_table(indices), TEXTS.table("tolerance", columns, tolerances)),
@@ -135,7 +135,7 @@ def _name(key: str, *places: int) -> str:
     return f"{key} of {several} {', '.join(firsts)} and {last}" if firsts else f"{key} of {one} {last}"
 
 
-def _largest(name: str, indices: Indices, row: int) -> str:
+def sentence_on_largest(name: str, indices: Indices, row: int) -> str:
     """Return the sentence on the numbers that may contribute most to a measure."""
     if not np.any(indices.leading[row]):
         return TEXTS("constant", name=name)
@@ -150,7 +150,7 @@ def _largest(name: str, indices: Indices, row: int) -> str:
     return TEXTS("undecided", name=name, count=len(places), all=len(indices.columns), **texts, **shares)
 
 
-def _interactions(name: str, indices: Indices, row: int) -> Iterator[str]:
+def sentences_on_sum(name: str, indices: Indices, row: int) -> Iterator[str]:
     """Yield the sentence on the sum of the first-order indices, whose true value is at most 1; none without a sum."""
     low, high = indices.sum_interval[:, row]
     if np.isfinite(high):

@@ -178,14 +178,14 @@ def test_falls_of_a_quartic_are_all_found() -> None:
     roots = [0.2, 0.45, 0.6, 0.9]
     c = np.asarray(np.polynomial.polynomial.polyfromroots(roots), dtype=np.float64)
     at_one = float(np.sum(c))
-    falls, count = dormand_prince._falls(c, at_one)  # + to 0.2, - to 0.45, + to 0.6, - to 0.9, +
+    falls, count = dormand_prince.find_falls(c, at_one)  # + to 0.2, - to 0.45, + to 0.6, - to 0.9, +
     assert falls[:count] == pytest.approx([0.2, 0.6], abs=1e-14)
-    falls, count = dormand_prince._falls(-c, -at_one)
+    falls, count = dormand_prince.find_falls(-c, -at_one)
     assert falls[:count] == pytest.approx([0.45, 0.9], abs=1e-13)
     line = np.array([1.0, -1.0, 0.0, 0.0, 0.0])
     # the value at the end is the next step's first: 0 there is a fall here, 1e-30 is none
-    assert dormand_prince._falls(line, 0.0)[1] == 1
-    assert dormand_prince._falls(line, 1e-30)[1] == 0
+    assert dormand_prince.find_falls(line, 0.0)[1] == 1
+    assert dormand_prince.find_falls(line, 1e-30)[1] == 0
 
 
 def _random_scene(seed: int) -> Scene:
@@ -308,7 +308,7 @@ def test_the_bars_are_no_excuse(free_chain: Truth) -> None:
 
 
 def test_where_only_one_run_sees_a_crossing_nothing_is_said_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    honest = ode45.Ode45._solve
+    honest = ode45.Ode45.solve_once
     runs: list[Trajectory] = []
 
     def blind(self: Any, *rest: Any) -> Trajectory:
@@ -316,7 +316,7 @@ def test_where_only_one_run_sees_a_crossing_nothing_is_said_of_it(monkeypatch: p
         runs.append(run)
         return replace(run, crossing_time=np.array([math.nan, *run.crossing_time[1:]])) if len(runs) == 2 else run
 
-    monkeypatch.setattr(ode45.Ode45, "_solve", blind)
+    monkeypatch.setattr(ode45.Ode45, "solve_once", blind)
     bars = db.solve(SHORT, backend="ode45").uncertainty["crossing_time"]
     assert math.isinf(bars[0])
     assert np.isfinite(bars[1])

@@ -63,7 +63,7 @@ def test_an_interpreted_prescan_is_that_of_the_kernel_bit_by_bit(scene: Scene, m
     assert interpreted.peak_overlap.tobytes() == compiled.peak_overlap.tobytes()
     assert replace(interpreted, peak_overlap=compiled.peak_overlap) == compiled
     # the kernel takes over where the interpreter takes too long, and where it does not go on with inf
-    monkeypatch.setattr(prescan, "_INTERPRETED", 10 * scene.n_contact)
+    monkeypatch.setattr(prescan, "MOST_INTERPRETED", 10 * scene.n_contact)
     assert prescan_hertz(scene).steps == compiled.steps > 10
     monkeypatch.setattr(prescan._run, "interpret", Mock(side_effect=OverflowError))
     assert prescan_hertz(scene).steps == compiled.steps

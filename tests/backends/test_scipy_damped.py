@@ -318,7 +318,7 @@ def test_a_contact_that_chatters_is_a_broken_run(monkeypatch: pytest.MonkeyPatch
     def stuck(self: scipy_damped.DampedIntegration, *_: object) -> NDArray[np.float64]:
         return np.full((len(scipy_damped.PROBES), self.k), -2.0)
 
-    monkeypatch.setattr(scipy_damped.DampedIntegration, "_margins", stuck)
+    monkeypatch.setattr(scipy_damped.DampedIntegration, "margins", stuck)
     with pytest.raises(RunBroken, match=r"contact 0 chatters at t = 0 s, with 1\d events .*; take backend='verlet'"):
         db.solve(PAIR, backend="scipy")
 

@@ -70,7 +70,7 @@ def test_the_derivative_is_that_of_the_equations(scene: Scene, seed: int, drag: 
     k, n = scene.n_contact, scene.n_body
     y = np.concatenate([1e-6 * random.normal(size=k), random.normal(size=n), [0.1]])
     kind = DampedIntegration if scene.damped else Integration
-    compiled = kind(scene, Sampling(count=1), 1e-9)._slope(np.full(k, PRESSING))(2e-4, y)
+    compiled = kind(scene, Sampling(count=1), 1e-9).derivative(np.full(k, PRESSING))(2e-4, y)
     written = _as_written(scene, 2e-4, y)
     # forces of both neighbours, weight, drag and drive may cancel in an acceleration: a few ulp of the largest
     largest = np.max(np.abs(_as_written(scene, 2e-4, np.abs(y)))) + np.max(np.abs(written))
@@ -80,22 +80,22 @@ def test_the_derivative_is_that_of_the_equations(scene: Scene, seed: int, drag: 
 def test_an_open_contact_has_no_force_and_a_wall_gets_none() -> None:
     run = Integration(CHAIN, Sampling(count=1), 1e-9)
     y = np.concatenate([np.full(5, 1e-6), CHAIN.velocity, [7.0]])
-    assert np.all(run._slope(np.full(5, OPEN))(0.0, y)[5:-1] == 0.0)
+    assert np.all(run.derivative(np.full(5, OPEN))(0.0, y)[5:-1] == 0.0)
     # the last entry is the rate of body 0's displacement, whatever presses on a wall
-    assert run._slope(np.full(5, PRESSING))(0.0, y)[-1] == 0.8
+    assert run.derivative(np.full(5, PRESSING))(0.0, y)[-1] == 0.8
 
 
 def test_one_component_of_the_dense_output_is_scipys_to_the_last_digit() -> None:
     run = Integration(CHAIN, Sampling(count=1), 1e-12)
     y = np.concatenate([-run.gap, CHAIN.velocity, [0.0]])
-    solver = DOP853(run._slope(run._start(y)), 0.0, y, CHAIN.duration, rtol=1e-12, atol=run.atol)
+    solver = DOP853(run.derivative(run.state_at_start(y)), 0.0, y, CHAIN.duration, rtol=1e-12, atol=run.atol)
     for _ in range(5):
         solver.step()
     step, times = Step(solver, run.contacts), np.linspace(solver.t_old, solver.t, 9)
     for t in times.tolist():
         state = step.dense(t)
         assert [step.component(i)(t) for i in range(len(y))] == state.tolist()
-        assert [step.closing_rate(contact)(t) for contact in range(5)] == run._closing(state).tolist()
+        assert [step.closing_rate(contact)(t) for contact in range(5)] == run.closing_rates(state).tolist()
 
 
 @pytest.mark.parametrize("overshoot", [1e-1, 1e-3, 1e-6])
@@ -131,7 +131,7 @@ def test_a_law_that_is_a_function_is_called_and_not_compiled() -> None:
     scene = replace(CHAIN, law=law, wall_left=None, wall_right=None)
     run = Integration(scene, Sampling(count=1), 1e-9)
     law.reset_mock()
-    derivative = run._slope(np.full(3, PRESSING))(0.0, np.array([1e-6, -1e-6, 2e-6, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    derivative = run.derivative(np.full(3, PRESSING))(0.0, np.array([1e-6, -1e-6, 2e-6, 0.0, 0.0, 0.0, 0.0, 0.0]))
     forces = 4e9 * np.array([0.0, 1e-6, 0.0, 2e-6, 0.0]) ** 1.5
     assert derivative[3:-1] == pytest.approx(-np.diff(forces) / np.array(scene.mass), rel=4.0 * EPS)
     law.assert_called_once()

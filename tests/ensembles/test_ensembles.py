@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 from scipy.stats import kstest
 
 import dem_bridge as db
@@ -100,8 +101,12 @@ def test_angles_are_normal_and_their_stiffness_is_hertz() -> None:
         return crossed_cylinders(angle=degrees, radius=body.radius, law=geometry.law, **body.material.elastic).stiffness
 
     exact = [stiffness_at(one) for one in (angle, *turned.tolist())]
-    ratio = variation._stiffness_ratio(5, turned - angle)
-    assert ratio == pytest.approx(np.array(exact[1:]) / exact[0], rel=1e-10)
+    # a chance of one half leaves an angle as it is
+    chances = np.full((3, len(variation.columns)), 0.5)
+    chances[:, variation.columns.index(("angle", 5))] = ndtr((turned - angle) / ANGLE["angle"])
+    stiffness = variation.chains(chances).stiffness
+    assert stiffness[:, 5] / scene.stiffness[5] == pytest.approx(np.array(exact[1:]) / exact[0], rel=1e-10)
+    assert np.delete(stiffness, 5, axis=1) == pytest.approx(np.tile(np.delete(scene.stiffness, 5), (3, 1)), rel=1e-10)
     drawn = variation.block(0).stiffness
     assert np.all(drawn[:, 0] == scene.stiffness[0]), "the striker's contact has no angle"
     # beyond 90 degrees an angle is reflected; far from there the quantiles are those of the normal distribution
@@ -156,7 +161,7 @@ def test_a_fault_of_the_kernel_is_named_by_the_check(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.lammps
 def test_an_ensemble_can_be_read_in_every_form(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "_IN_MEMORY", 100)  # arrays above are files
+    monkeypatch.setattr(run, "MOST_IN_MEMORY", 100)  # arrays above are files
     chains = db.ensemble(FIVE, vary={"mass": 0.1}, n=12, samples=20, checks=1)
     table, long, data = chains.table, chains.long_table, chains.to_xarray()
     assert table.shape == (12, 1 + 6 + 5 + 5 + 6)

@@ -148,7 +148,7 @@ def test_the_steps_for_an_accuracy_are_a_multiple_of_the_samples_and_few() -> No
 
 def test_an_accuracy_that_no_number_of_steps_gives_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, chains = _pair()
-    monkeypatch.setattr(solve, "_MOST_STEPS", 500)
+    monkeypatch.setattr(solve, "MOST_STEPS", 500)
     with pytest.raises(UsageError, match=r"pair: accuracy = 1e-12 needs more than 500 steps; give a larger accuracy"):
         steps_for(scene, chains, 1e-12)
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import ndtr
 
 from dem_bridge.ensembles.draw import Variation
-from dem_bridge.ensembles.sensitivity import _estimates, _exchanged, may_be_largest, sobol_indices
+from dem_bridge.ensembles.sensitivity import estimate_indices, exchange_columns, may_be_largest, sobol_indices
 from dem_bridge.ensembles.solve import solve_chains, steps_for
 from dem_bridge.errors import UsageError
 from dem_bridge.scene.scene import Scene
@@ -84,12 +84,12 @@ def _named(shares: Any, base: int, seeds: int) -> tuple[Any, Any]:
     count, factors = len(shares), np.sqrt(shares)
     for seed in range(seeds):
         random = np.random.default_rng(seed)
-        sample = _exchanged(*random.standard_normal((2, base, count)))
+        sample = exchange_columns(*random.standard_normal((2, base, count)))
         values = sample @ factors + 0.3 * sample[:, 0] * sample[:, 1]
         blocks = (values - values.mean()).reshape(-1, base)
         weights = random.multinomial(base, np.full(base, 1.0 / base), 400) / base
-        first = _estimates(blocks, np.full((1, base), 1.0 / base))[0, :, 0]
-        named.append(may_be_largest(first, _estimates(blocks, weights)[0]))
+        first = estimate_indices(blocks, np.full((1, base), 1.0 / base))[0, :, 0]
+        named.append(may_be_largest(first, estimate_indices(blocks, weights)[0]))
         largest.append(first == first.max())
     return np.array(named), np.array(largest)
 

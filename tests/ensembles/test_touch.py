@@ -40,7 +40,7 @@ def _errors(exponent: float) -> np.ndarray:
 @pytest.mark.parametrize("exponent", [2.5, 2.0, 2.2, 3.0])
 def test_a_corrected_touch_has_a_small_part_of_its_error(exponent: float, monkeypatch: pytest.MonkeyPatch) -> None:
     corrected = _errors(exponent)
-    monkeypatch.setattr(solve, "_SLOW", math.inf)
+    monkeypatch.setattr(solve, "SLOWEST_TOUCH", math.inf)
     # measured: 1/46 and 1/31 for n = 2.5, 1/770 and 1/9800 for n = 2, 1/100 and 1/55 for n = 2.2, 1/140 and 1/500 for 3
     assert np.all(15.0 * corrected < _errors(exponent))
     if exponent in (2.0, 3.0):  # after the touch the force is a polynomial: nothing is left of it

@@ -141,13 +141,13 @@ def test_a_gap_of_the_wrong_sign_in_the_twin_is_named(monkeypatch: pytest.Monkey
 
 @pytest.mark.lammps
 def test_a_second_method_that_restarts_late_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    sound = scipy_integration.Integration._first_event
+    sound = scipy_integration.Integration.first_event
 
     def late(self: Any, solver: Any, dense: Any, closed: NDArray[np.bool_]) -> tuple[float, int] | None:
         event = sound(self, solver, dense, closed)
         return None if event is None else (float(solver.t), event[1])
 
-    monkeypatch.setattr(scipy_integration.Integration, "_first_event", late)
+    monkeypatch.setattr(scipy_integration.Integration, "first_event", late)
     [case] = BENCH.of(SCIPY)
     BENCH.check(with_trajectory(BENCH.sound_runs, case, _faulty(case, BENCH.sound_runs)), TWO_REFERENCES)
 

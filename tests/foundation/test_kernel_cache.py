@@ -230,7 +230,7 @@ def test_folders_are_read_up_to_the_first_that_can_be_written(
     try:
         for fault, folders in (("", (package,)), ("Read-only file system", (home, package))):
             monkeypatch.setattr(
-                kernel_folders, "_fault", lambda folder, f=fault: f if folder == package else _made(folder)
+                kernel_folders, "write_fault", lambda folder, f=fault: f if folder == package else _made(folder)
             )
             _forget()
             assert kernel_folders.folders_to_read() == folders
@@ -288,9 +288,9 @@ def test_without_a_folder_kernels_are_in_a_temporary_one(
     temporary = Path(os.environ[kernel_folders.VARIABLE])
     assert stat.S_IMODE(temporary.stat().st_mode) == 0o700
     assert len(_kept(kernel_folders.folder_in(temporary))) == 1
-    kernel_folders._remove(temporary, os.getpid() + 1)
+    kernel_folders.remove_own(temporary, os.getpid() + 1)
     assert temporary.exists()
-    kernel_folders._remove(temporary, os.getpid())
+    kernel_folders.remove_own(temporary, os.getpid())
     assert not temporary.exists()
 
 

@@ -30,7 +30,7 @@ PACKAGE = Path(dem_bridge.__file__).parent
 @pytest.fixture(autouse=True)
 def nothing_identified_yet(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let each test change what this process has identified before."""
-    monkeypatch.setattr(kernel_content, "_first", WeakKeyDictionary())
+    monkeypatch.setattr(kernel_content, "first_identified", WeakKeyDictionary())
 
 
 @cache
@@ -77,7 +77,7 @@ def _closure(name: str) -> set[str]:
 
 
 def _digests(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
-    monkeypatch.setattr(kernel_content, "_first", WeakKeyDictionary())
+    monkeypatch.setattr(kernel_content, "first_identified", WeakKeyDictionary())
     return {name: closure_digest(function) for name, function in _kernels().items()}
 
 

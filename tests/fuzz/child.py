@@ -48,7 +48,7 @@ def open_guards() -> None:
     for module in modules:
         assert module.OF_DAMAGED_DATA
         module.OF_DAMAGED_DATA = ()
-    script._MOST_WORK //= 20
+    script.MOST_WORK //= 20
     isolated.CPU_SECONDS /= 10.0
 
 

@@ -21,7 +21,7 @@ from dem_bridge.backends.surrogate_radius import surrogate_radius
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp import deck as deck_module
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
-from dem_bridge.lmp.deck import Deck, _rows, as_comment, deck_of, positions
+from dem_bridge.lmp.deck import Deck, as_comment, deck_of, numbered_rows, positions
 from dem_bridge.lmp.reader.script import Script
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.file import MAIN_SCENES
@@ -726,11 +726,11 @@ def test_outer_forces_are_fixes_of_groups(changes: dict[str, Any], fixes: list[s
 
 
 def test_rows_are_written_in_blocks() -> None:
-    rows = _rows("{} {}".format, np.array([7, 8, 9, 10, 11]), block=2)
+    rows = numbered_rows("{} {}".format, np.array([7, 8, 9, 10, 11]), block=2)
     assert list(rows) == ["1 7\n2 8", "3 9\n4 10", "5 11"]
-    assert list(_rows("{} {} {}".format, np.array([1, 2]), np.array([3, 4]), block=2)) == ["1 1 3\n2 2 4"]
-    assert len(list(_rows("{} {}".format, np.zeros(10_001)))) == 2
-    assert len(list(_rows("{} {}".format, np.zeros(10_000)))) == 1
+    assert list(numbered_rows("{} {} {}".format, np.array([1, 2]), np.array([3, 4]), block=2)) == ["1 1 3\n2 2 4"]
+    assert len(list(numbered_rows("{} {}".format, np.zeros(10_001)))) == 2
+    assert len(list(numbered_rows("{} {}".format, np.zeros(10_000)))) == 1
 
 
 @pytest.mark.parametrize(

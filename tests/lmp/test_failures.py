@@ -240,7 +240,7 @@ def test_a_run_that_needs_more_room_than_there_is_does_not_start() -> None:
 
 
 def test_a_disk_that_is_full_at_the_end_is_blamed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process, "_FULL", 10**18)
+    monkeypatch.setattr(process, "FULL_DISK", 10**18)
     with (
         pytest.raises(RunBroken, match=r"dump is cut; set TMPDIR to a folder with more room: \S+ is full"),
         workspace(),

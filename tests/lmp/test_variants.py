@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.lmp import variants
 from dem_bridge.lmp.deck import Deck, deck_of
 from dem_bridge.lmp.variants import (
     MARGIN,
@@ -177,5 +177,13 @@ def test_variants_say_what_a_scene_lacks() -> None:
     with pytest.raises(UnsupportedScene, match="gran/hertz/history has no adhesion"):
         hertz_history(deck, glued, np.ones(1))
     assert encoded_radii(np.zeros(0), np.zeros(0)) is None
-    with pytest.raises(ValueError, match=r"'a' fits 2 places of the deck; allowed: one"):
-        variants._once("a", "b", "aa")
+
+
+@pytest.mark.parametrize("places", [0, 2])
+def test_a_variant_changes_exactly_one_place_of_a_deck(places: int) -> None:
+    deck = _deck(SCENE)
+    text = re.sub(r"(?m)^newton +on\n", "newton on\n" * places, deck.files[deck.input_file])
+    assert text != deck.files[deck.input_file]
+    changed = replace(deck, files={**deck.files, deck.input_file: text})
+    with pytest.raises(ValueError, match=f"fits {places} places of the deck; allowed: one"):
+        newton_off(changed)

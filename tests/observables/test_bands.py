@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import dem_bridge as db
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.observables.bands import Bands, _crossings, measured_bands, unit_cell
+from dem_bridge.observables.bands import Bands, band_edges, measured_bands, unit_cell
 from dem_bridge.physics.dispersion import dispersion
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Cost, Trajectory
@@ -153,7 +153,7 @@ def test_the_phase_is_the_arc_cosine_of_half_the_trace_and_nan_outside_of_the_ba
 def test_edges_are_where_straight_lines_between_frequencies_pass_2_or_minus_2(
     trace: list[float], edges: tuple[float, ...]
 ) -> None:
-    assert _crossings(np.arange(10.0, 10.0 + len(trace)), np.array(trace)) == pytest.approx(edges, rel=1e-15)
+    assert band_edges(np.arange(10.0, 10.0 + len(trace)), np.array(trace)) == pytest.approx(edges, rel=1e-15)
 
 
 @pytest.mark.parametrize(("striker", "masses"), [(False, (LIGHT,)), (True, (LIGHT, HEAVY))])

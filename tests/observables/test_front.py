@@ -17,9 +17,9 @@ from dem_bridge.ensembles.draw import Variation
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.fits import speed_power_law
 from dem_bridge.observables.front import (
-    _difference_of_fewer,
     arrival,
     arrival_uncertainty,
+    difference_of_fewer,
     front_speed,
     front_speed_uncertainty,
     local_speed_constant,
@@ -279,7 +279,7 @@ def test_polynomials_that_do_not_converge_count_with_both_differences_twice(when
         coarse = float(np.max(np.abs(rough + share * smooth)))
         low, high = (share, high) if fine > ratio * coarse else (low, share)
     run = free_flight(bodies=1, contacts=0, samples=16)
-    found = _difference_of_fewer(
+    found = difference_of_fewer(
         run, (rough_v + share * smooth_v)[:, None], (rough_a + share * smooth_a)[:, None], np.array([when])
     )
     expected = fine if ratio < 0.03 else 2.0 * (fine + coarse)

@@ -14,12 +14,12 @@ import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.observables.pulse import (
-    _place,
-    _rear,
     front_window,
     leading_pulse,
+    place_of_edge,
     pulse_shapes,
     pulse_width_by_force,
+    rear_of_pulse,
     reflected,
     secondary_fronts,
     speed_ratio,
@@ -131,18 +131,18 @@ def test_the_contact_with_the_least_force_is_behind_the_pulse() -> None:
     ],
 )
 def test_a_pulse_begins_behind_the_first_least_force(force: list[float], rear: int) -> None:
-    assert _rear(np.array(force), len(force) - 1) == rear
+    assert rear_of_pulse(np.array(force), len(force) - 1) == rear
 
 
 def test_the_place_of_an_edge_is_on_a_spline_through_four_contacts_or_more() -> None:
     nan = math.nan
     when = np.array([1.0, 1.5, 2.0, 5.0, 5.5, 6.5, 8.0, nan])
     # contacts 1 to 4 are passed one after the other, and 5 to 7 anew: three are too few
-    found = _place(np.array([nan, 1.0, 2.0, 3.0, 5.0, 4.0, 4.5, 5.0]), when)
+    found = place_of_edge(np.array([nan, 1.0, 2.0, 3.0, 5.0, 4.0, 4.5, 5.0]), when)
     assert found[[0, 2, 3]] == pytest.approx([1.0, 2.0, 4.0], rel=1e-14)
     assert 1.0 < found[1] < 2.0
     assert np.isnan(found[4:]).all()
-    again = _place(np.array([0.5, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0, 9.0]), when[:7])
+    again = place_of_edge(np.array([0.5, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0, 9.0]), when[:7])
     assert again[[0, 2, 3]] == pytest.approx([1.0, 2.0, 4.0], rel=1e-14)
     assert 6.0 < again[6] < 7.0
 

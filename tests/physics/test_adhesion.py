@@ -117,7 +117,7 @@ def test_without_adhesion_dmt_is_hertz() -> None:
 def test_the_force_is_the_slope_of_the_energy(s: float) -> None:
     h = 1e-5
     overlap = lambda x: x**4 - 4.0 / 3.0 * x  # noqa: E731
-    rise = (adhesion._jkr_energy(s + h) - adhesion._jkr_energy(s - h)) / (2.0 * h)
+    rise = (adhesion.jkr_energy(s + h) - adhesion.jkr_energy(s - h)) / (2.0 * h)
     along = (overlap(s + h) - overlap(s - h)) / (2.0 * h)
     # central differences: h^2 times the third derivative, at most 3e4
     assert rise == pytest.approx((s**6 - 2.0 * s**3) * along, rel=1e-6, abs=1e-5)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.physics.launch import _first_peak, launched
+from dem_bridge.physics.launch import first_peak, launched
 from dem_bridge.physics.solitary import solitary_wave
 from dem_bridge.scene.scene import Scene
 
@@ -83,14 +83,14 @@ def test_a_launch_through_another_contact_is_the_same_at_all_scales() -> None:
 def test_a_first_peak_is_the_vertex_of_a_parabola_above_a_thousandth_of_the_largest(noise: float, at: float) -> None:
     time = np.linspace(0.0, 1.0, 101)
     overlap = np.maximum(2.0 - 50.0 * (time - 0.63) ** 2, 0.0) + np.where(time == 0.2, 2.0 * noise, 0.0)
-    force, when = _first_peak(time + 5.0, overlap, 3.0, 1.5)
+    force, when = first_peak(time + 5.0, overlap, 3.0, 1.5)
     assert when == pytest.approx(5.0 + at, rel=1e-12)
     assert force == pytest.approx(3.0 * (2.0 if at == 0.63 else 2.0 * noise) ** 1.5, rel=1e-9)
     # between samples
     shifted = np.maximum(2.0 - 50.0 * (time - 0.6337) ** 2, 0.0)
-    assert _first_peak(time, shifted, 3.0, 1.5) == pytest.approx((3.0 * 2.0**1.5, 0.6337), rel=1e-12)
+    assert first_peak(time, shifted, 3.0, 1.5) == pytest.approx((3.0 * 2.0**1.5, 0.6337), rel=1e-12)
     # two equal samples are one peak, between them
-    assert _first_peak(np.arange(4.0), np.array([0.0, 1.0, 1.0, 0.0]), 1.0, 1.0)[1] == pytest.approx(1.5)
+    assert first_peak(np.arange(4.0), np.array([0.0, 1.0, 1.0, 0.0]), 1.0, 1.0)[1] == pytest.approx(1.5)
 
 
 def test_a_launch_refuses_what_is_no_striker() -> None:

@@ -132,20 +132,20 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.mark.parametrize("damage", ["", "x", "0" * 40, f"{'0' * 40} {'0' * 40}", "\0" * 100])
 def test_what_compiled_code_computes_is_computed_again_if_it_is_damaged(folder: Path, damage: str) -> None:
-    right = digits._compiled_digits("some digits")
+    right = digits.compiled_digits("some digits")
     [file] = folder.glob(f"{digits._PREFIX}*")
     file.write_text(damage, encoding="ascii")
-    assert digits._compiled_digits("some digits") == right
+    assert digits.compiled_digits("some digits") == right
     assert file.read_text(encoding="ascii").startswith(right)
     file.chmod(0o666)
-    file.write_text(f"another {digits._digest({file.name: 'another'})}", encoding="ascii")
-    assert digits._compiled_digits("some digits") == right
+    file.write_text(f"another {digits.digest_of({file.name: 'another'})}", encoding="ascii")
+    assert digits.compiled_digits("some digits") == right
 
 
 def test_other_digits_of_the_compiled_probe_are_another_fingerprint(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = digits._whole.__wrapped__()
-    monkeypatch.setattr(digits, "_compiled_digits", lambda interpreted: "another")
-    assert digits._whole.__wrapped__() != before
+    before = digits.digits_of_place.__wrapped__()
+    monkeypatch.setattr(digits, "compiled_digits", lambda interpreted: "another")
+    assert digits.digits_of_place.__wrapped__() != before
 
 
 class Elsewhere(Executor):
@@ -159,7 +159,7 @@ class Elsewhere(Executor):
         place = self._places[min(self.calls, len(self._places) - 1)]
         self.calls += 1
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(digits, "_whole", lambda: place)
+            patch.setattr(digits, "digits_of_place", lambda: place)
             future.set_result(function(*arguments, **keywords))
         return future
 

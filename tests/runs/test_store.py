@@ -297,7 +297,7 @@ def test_the_key_of_a_run_without_uncertainty_is_another_and_ignores_the_code_of
 @pytest.mark.parametrize("package", ["dem-bridge", "numpy", "scipy", "numba", "ase"])
 def test_another_version_is_another_key(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before, real = _key(), metadata.version
-    monkeypatch.setattr(base, "_version", base._version.__wrapped__)  # not those remembered
+    monkeypatch.setattr(base, "version_of", base.version_of.__wrapped__)  # not those remembered
     assert _key() == before
     monkeypatch.setattr(metadata, "version", lambda name: "99.0" if name == package else real(name))
     assert _key() != before
@@ -319,7 +319,7 @@ def test_a_variable_is_part_of_no_key_but_that_of_a_lammps(monkeypatch: pytest.M
             assert _key() == before
             known = not variable.startswith(("NUMBA", "UNRELATED"))
             assert (_key(backend="lammps-granular", engine=engine) != of_lammps) is known, variable
-    monkeypatch.setattr(keys, "_machine", lambda: ["another processor"])
+    monkeypatch.setattr(keys, "machine_of_engine", lambda: ["another processor"])
     assert _key() == before
     assert _key(backend="lammps-granular", engine=engine) != of_lammps
 
@@ -436,7 +436,7 @@ def test_code_that_changed_under_a_running_process_is_seen(tmp_path: Path, monke
     (package / "twin.py").write_text("")
     os.utime(package / "twin.py", (1, 1))  # a copy keeps the time of its text
     assert code.changed_since_start(package)
-    monkeypatch.setattr(code, "_started", lambda: 0.0)
+    monkeypatch.setattr(code, "process_start", lambda: 0.0)
     assert store.load(KEY, SCENE) is None
     store.save("1" * 64, _run())
     assert [file.name for file in tmp_path.glob("*.run")] == [f"{KEY}.run"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,16 @@ from dem_bridge.backends.verlet import Verlet
 from dem_bridge.cli import main
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.runs.campaign import Crashed, Result
+from dem_bridge.runs.campaign import Crashed, Result, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty import fixed_step
 from dem_bridge.runs.uncertainty.family import TwinFamily
 from dem_bridge.runs.uncertainty.fixed_step import fixed_step_uncertainty
 from dem_bridge.scene.scene import Scene, Wall
+from dem_bridge.studies.extremes import study as extremes_study
 from dem_bridge.studies.extremes.catalogue import catalogue, chain, checked, expectation, kinds
 from dem_bridge.studies.extremes.judge import Expected, Finding, Standard, Word, judge, outcome
-from dem_bridge.studies.extremes.study import Row, _plan, _standard, answer, rows_of
+from dem_bridge.studies.extremes.study import Row, answer, rows_of
 from dem_bridge.studies.extremes.truths import apart, galilei, mirrored, two_bodies
 from dem_bridge.trajectory.trajectory import UNKNOWN, Trajectory, Uncertainty
 from tests.helpers.fake_runs import free_flight
@@ -315,13 +316,16 @@ def test_what_is_left_out_or_refused_is_a_row_with_its_reason() -> None:
     assert refused.finding.reason.startswith("table_lines = 7; allowed: ")
 
 
-def test_a_truth_that_breaks_is_no_truth() -> None:
-    entry = ALL["speed-0.001"]
-    plan = _plan(entry, "verlet", 1e-6, None)
-    (truth, cases), *_ = plan.truths
-    standard = _standard(truth, [Result(case=case, failure=RunBroken("it broke")) for case in cases], plan)
-    assert standard.run is None
-    assert standard.reason == f"{cases[0].label}: it broke"
+def test_a_truth_that_breaks_is_no_truth(monkeypatch: pytest.MonkeyPatch) -> None:
+    def truths_break(cases: Sequence[Case], **_: Any) -> tuple[Result, ...]:
+        own, *others = cases
+        return (run_cases([own])[0], *(Result(case=case, failure=RunBroken("it broke")) for case in others))
+
+    monkeypatch.setattr(extremes_study, "run_cases", truths_break)
+    [row] = rows_of([replace(ALL["speed-0.001"], dt=1e-6)], ["verlet"])
+    assert (row.finding.word, row.outcome) == (Word.NO_TRUTH, Outcome.FAIL)
+    assert row.finding.reason.endswith(": it broke")
+    assert row.finding.standard in row.finding.reason
 
 
 def test_the_answer_counts_and_names_what_is_not_right() -> None:

@@ -61,14 +61,14 @@ def test_a_method_that_lost_its_order_is_noticed(monkeypatch: pytest.MonkeyPatch
 def test_a_touch_in_another_place_of_the_step_has_another_coefficient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(touch, "PHASES", np.arange(6) / 6.0)
     assert touch.coefficient_verdict(2.5, *touch.coefficients(2.5)).outcome is Outcome.PASS
-    solve: Solve = touch._solve
+    solve: Solve = touch.solve_with_step
 
     def late(scene: Scene, backend: str, step: float, samples: int) -> Trajectory:
         """Solve with the touch a twentieth of a step late, in the method alone."""
         later = replace(scene, gap=float(scene.contacts.gap[0]) + 0.05 * step) if backend == touch.METHOD else scene
         return solve(later, backend, step, samples)
 
-    monkeypatch.setattr(touch, "_solve", late)
+    monkeypatch.setattr(touch, "solve_with_step", late)
     assert touch.coefficient_verdict(2.5, *touch.coefficients(2.5)).outcome is Outcome.FAIL
 
 
@@ -136,8 +136,8 @@ def test_a_parameter_that_changes_in_all_contacts_but_one_is_noticed(monkeypatch
 
 
 def test_a_wrong_derivative_of_a_trace_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    rate = conditioning._rate
-    monkeypatch.setattr(conditioning, "_rate", lambda scene, run, name: (1.0 + 1e-5) * rate(scene, run, name))
+    rate = conditioning.trace_rate
+    monkeypatch.setattr(conditioning, "trace_rate", lambda scene, run, name: (1.0 + 1e-5) * rate(scene, run, name))
     assert _failing(CHAIN) == {"velocity", "displacement"}
 
 
@@ -174,6 +174,6 @@ def test_scenes_without_an_answer_are_refused(scene: Scene, message: str) -> Non
 
 def test_the_series_at_its_default_accuracy_is_the_reference() -> None:
     scene = load_scene("dimer-1-1")
-    velocity, _ = study._taylor(scene, Sampling(count=10), 1e-16)
+    velocity, _ = study.INTEGRATORS["taylor"](scene, Sampling(count=10), 1e-16)
     run = db.solve(scene, backend="reference", samples=10, uncertainty=False)
     np.testing.assert_array_equal(velocity, run.velocity)

@@ -11,7 +11,7 @@ import dem_bridge as db
 from dem_bridge.ensembles.sensitivity import Indices
 from dem_bridge.errors import UsageError
 from dem_bridge.scene.scene import Scene
-from dem_bridge.studies.sensitivity import _interactions, _largest, study_sensitivity
+from dem_bridge.studies.sensitivity import sentence_on_largest, sentences_on_sum, study_sensitivity
 
 THREE = Scene(name="three", duration=1.5e-4, mass=(0.01, 0.015, 0.02), stiffness=(2e10, 1e10), velocity=(0.8, 0.0, 0.0))
 
@@ -54,10 +54,10 @@ def test_the_rest_up_to_100_percent_is_named_only_where_there_is_one(interval: t
         leading=np.array([[False, True]]), sum_interval=np.array(interval)[:, None], mean=first[0], deviation=first[0],
         chains=6,
     )  # fmt: skip
-    (sentence,) = _interactions("arrival", indices, 0)
+    (sentence,) = sentences_on_sum("arrival", indices, 0)
     assert "sum to 106 %" in sentence
     assert said in sentence
-    assert "angle of contact 1 contributes most" in _largest("arrival", indices, 0)
+    assert "angle of contact 1 contributes most" in sentence_on_largest("arrival", indices, 0)
     none = replace(indices, leading=np.zeros((1, 2), bool), sum_interval=np.full((2, 1), np.nan))
-    assert list(_interactions("arrival", none, 0)) == []
-    assert "varies by less than the error of the runs" in _largest("arrival", none, 0)
+    assert list(sentences_on_sum("arrival", none, 0)) == []
+    assert "varies by less than the error of the runs" in sentence_on_largest("arrival", none, 0)

@@ -151,9 +151,9 @@ def test_one_scene_with_walls_of_every_style_has_one_answer(scene: Scene) -> Non
 
 
 def test_planes_with_the_pull_off_force_of_a_pair_fail(monkeypatch: pytest.MonkeyPatch) -> None:
-    law = variants._flat_law
+    law = variants.flat_law
     wrong = replace(GLUED, adhesion=Adhesion(law="dmt", pull_off=(0.5, 0.6, 0.35, 0.4)))  # R_eff = R/2
-    monkeypatch.setattr(variants, "_flat_law", lambda scene, at, radius, style: law(wrong, at, radius, style))
+    monkeypatch.setattr(variants, "flat_law", lambda scene, at, radius, style: law(wrong, at, radius, style))
     [row] = _rows(GLUED, OF["granular, fix wall/gran"])
     assert row.outcome is Outcome.FAIL, row
 
@@ -166,8 +166,8 @@ def test_an_undamped_classic_wall_of_the_pinned_release_is_nan(monkeypatch: pyte
 
 
 def test_a_plane_with_the_radius_of_a_pair_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    law = variants._flat_law
-    monkeypatch.setattr(variants, "_flat_law", lambda scene, at, radius, style: law(scene, at, 0.5 * radius, style))
+    law = variants.flat_law
+    monkeypatch.setattr(variants, "flat_law", lambda scene, at, radius, style: law(scene, at, 0.5 * radius, style))
     for row in _rows(HELD, *(OF[f"granular, fix wall/gran{style}"] for style in WALLS[HELD])):
         assert row.outcome is Outcome.FAIL, row
 

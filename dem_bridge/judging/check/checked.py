@@ -69,19 +69,19 @@ def check_file(
         lab = Laboratory(subject=subject, engine=engine, time_limit=time_limit, progress=progress)
         if announce is not None:
             announce(lab.expected_cost())
-        first = _find(lab, accuracy)
-        law_edits = _law_edits(subject, first)
+        first = finding_of(lab, accuracy)
+        law_edits = edits_of_law(subject, first)
         last, last_lab = first, lab
         if law_edits:
             # the lines of the steps follow from the script without what is wrong in it
             last_lab = replace(lab, subject=_changed(subject, law_edits))
             last_lab = Laboratory(subject=last_lab.subject, engine=engine, time_limit=time_limit, progress=progress)
-            last = _find(last_lab, accuracy)
+            last = finding_of(last_lab, accuracy)
         edits = (*law_edits, *subject.added, *_step_edits(subject, last))
         return _answer(lab, first, last, _merged(edits), accuracy)
 
 
-def _find(lab: Laboratory, accuracy: float) -> Finding:
+def finding_of(lab: Laboratory, accuracy: float) -> Finding:
     """Return law and step of a script; BROKEN where LAMMPS fails for another reason than the step."""
     deck = lab.subject.deck
     nothing = StepAnswer(dt=deck.dt, accuracy=accuracy, why="LAMMPS made no run")
@@ -157,7 +157,7 @@ def _version(lab: Laboratory) -> int:
 
 
 # ---------------------------------------------------------------- lines to write
-def _law_edits(subject: Subject, finding: Finding) -> tuple[Edit, ...]:
+def edits_of_law(subject: Subject, finding: Finding) -> tuple[Edit, ...]:
     """Return the lines that mend what is wrong in the law of a script, as far as lines can."""
     law = finding.law
     if subject.of_scene or law.outcome is Outcome.PASS:

@@ -181,11 +181,11 @@ def _wrong(lab: Laboratory, run: LammpsRun, difference: float) -> LawAnswer:
             f"LAMMPS {release(run.version)} mixes the coefficients of two types otherwise than later ones",
         )
     elif not math.isinf(difference):
-        cause, why = _judged(lab)
+        cause, why = cause_by_judge(lab)
     return LawAnswer(outcome=Outcome.FAIL, sentence=f"{name}: {size}; {why}.", difference=difference, cause=cause)
 
 
-def _judged(lab: Laboratory) -> tuple[str, str]:
+def cause_by_judge(lab: Laboratory) -> tuple[str, str]:
     """Return the cause by which ``judge`` explains the run, and its evidence."""
     from dem_bridge.judging.beside import judge_files
 

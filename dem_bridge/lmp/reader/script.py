@@ -33,7 +33,7 @@ _FORMAT = re.compile(r"%\d{0,2}(\.\d{1,2})?[efg]")
 #: largest depth of nested files and of nested variables
 _DEEPEST = 20
 #: bound of the work for a script, of which a command takes 10, and of the characters of a command
-_MOST_WORK, _LONGEST = 1_000_000, 20_000
+MOST_WORK, _LONGEST = 1_000_000, 20_000
 #: work that a command that cannot be read counts as, so that an endless loop of such commands ends soon
 _WORK_OF_ERROR = 200
 #: problem of a command that follows from the problem of an earlier one
@@ -113,7 +113,7 @@ class Script:
 
         The text is read if it is not given; ``at`` is the command that names the file.
         """
-        lines, place, pending = self._lines_of(file, text, at), 0, list[tuple[int, str]]()
+        lines, place, pending = self.lines_of(file, text, at), 0, list[tuple[int, str]]()
         while pending or place < len(lines):
             if pending:
                 number, line = pending.pop(0)
@@ -140,7 +140,7 @@ class Script:
                     command.fail_if(not 1 <= len(command.rest) <= 2, "is not supported", "jump SELF|FILE [LABEL]")
                     if not self._skip_jump:
                         file = file if command.rest[0] == "SELF" else command.rest[0]
-                        lines = self._lines_of(file, None, command)
+                        lines = self.lines_of(file, None, command)
                         place = self._after_label(command, file)
                         self.count(command, place)
                     self._skip_jump = False
@@ -158,7 +158,7 @@ class Script:
                 if command.name not in self.silent:
                     self.refuse(command, error)
 
-    def _lines_of(self, file: str, text: str | None, at: Command | None) -> list[tuple[int, str]]:
+    def lines_of(self, file: str, text: str | None, at: Command | None) -> list[tuple[int, str]]:
         """Return the numbered lines of a file, which is read once."""
         if file not in self._files:
             if text is None:
@@ -207,9 +207,9 @@ class Script:
     def count(self, command: Command, lines: int = 10) -> None:
         """Add to the work for the script; raise SceneError if it is too much, because a loop does not end."""
         self._work += lines
-        if self._work > _MOST_WORK:
+        if self._work > MOST_WORK:
             # a loop whose end cannot be read does not end
-            error = command.error("is in a loop that does not end, or takes too long", f"{_MOST_WORK // 10} commands")
+            error = command.error("is in a loop that does not end, or takes too long", f"{MOST_WORK // 10} commands")
             raise BlockedScript(self.blockers.values() or [error])
 
     def refuse(self, command: Command, error: SceneError) -> None:

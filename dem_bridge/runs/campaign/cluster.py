@@ -16,7 +16,7 @@ from dem_bridge.version import __version__
 #: an address ends in a port, or is that of a scheduler in this process
 _ADDRESS = re.compile(r":\d+/?$|^inproc://")
 #: s in which the scheduler answers, and in which a first worker is there
-_ANSWER, _FIRST_WORKER = 10.0, 60.0
+ANSWER_TIME, FIRST_WORKER_TIME = 10.0, 60.0
 
 
 @contextmanager
@@ -58,7 +58,7 @@ def connected(cluster: str) -> Iterator[Executor]:
     place = {"scheduler_file": cluster} if is_file else {"address": cluster}
     try:
         # results come from the workers themselves, not through the scheduler
-        client = Client(**place, timeout=_ANSWER, direct_to_workers=True, set_as_default=False)
+        client = Client(**place, timeout=ANSWER_TIME, direct_to_workers=True, set_as_default=False)
     except Exception as error:  # of many kinds: addresses that cannot be, hosts that are not, times that are up
         raise UsageError(
             f"cluster = {cluster!r}: no scheduler answers ({type(error).__name__}: {error}); allowed: the address of a"
@@ -72,10 +72,10 @@ def connected(cluster: str) -> Iterator[Executor]:
 def _check_workers(client: Any, cluster: str) -> None:
     """Raise UsageError unless there are workers, and all have this dem_bridge."""
     try:
-        client.wait_for_workers(1, timeout=_FIRST_WORKER)
+        client.wait_for_workers(1, timeout=FIRST_WORKER_TIME)
     except TimeoutError as error:
         raise UsageError(
-            f"cluster = {cluster!r}: the scheduler has no worker after {_FIRST_WORKER:g} s; start some with:"
+            f"cluster = {cluster!r}: the scheduler has no worker after {FIRST_WORKER_TIME:g} s; start some with:"
             " dask worker ADDRESS"
         ) from error
     try:

@@ -37,9 +37,9 @@ Jobs = int | Executor | None
 #: workers of an executor that does not tell their number
 _WORKERS = 16
 #: s in which a worker says which digits it computes
-_ANSWER = 60.0
+ANSWER_TIME = 60.0
 #: chunks that an executor has at a time: enough for a cluster to see how many workers are needed
-_MOST_AWAY = 1000
+MOST_AWAY = 1000
 
 
 class Away(Generic[Item, Value]):
@@ -85,7 +85,7 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor, state: Campaign) 
         If the executor takes no more tasks, or drops those that it has.
     """
     folder = next((task.folder for task in tasks if task.folder is not None), None)
-    if folder is not None and not _shares(executor, folder):
+    if folder is not None and not shares_folder(executor, folder):
         tasks = [replace(task, folder=None) for task in tasks]
     work, since = Work(tasks, workers_of(executor)), time.monotonic()
     away = Away[list[Task], list[Outcome]](partial(_submit, executor))
@@ -95,7 +95,7 @@ def run_by_executor(tasks: Sequence[Task], executor: Executor, state: Campaign) 
                 work.pending.clear()
                 away.cancel()
             try:
-                away.fill(work.pending, _MOST_AWAY)
+                away.fill(work.pending, MOST_AWAY)
             except BrokenExecutor:  # processes on this machine, of which one died: ours go on
                 rest = [task for chunk in (*away.items.values(), *work.pending) for task in chunk]
                 away.items.clear()
@@ -156,13 +156,13 @@ def fingerprint_of(executor: Executor) -> str:
             answers = list(client.run(fingerprint).values())
         else:
             future = executor.submit(fingerprint)
-            answers = [future.result(timeout=_ANSWER)]
+            answers = [future.result(timeout=ANSWER_TIME)]
     except Exception:  # of a worker that cannot do anything: that shows where cases are run
         return ""
     return Counter(answers).most_common(1)[0][0] if answers else ""
 
 
-def _shares(executor: Executor, folder: Path) -> bool:
+def shares_folder(executor: Executor, folder: Path) -> bool:
     """Return True if a worker sees the files of a folder; otherwise runs travel back by the executor."""
     try:
         with tempfile.NamedTemporaryFile(prefix=owned("shared"), dir=folder, suffix=".part") as file:

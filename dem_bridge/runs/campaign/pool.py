@@ -67,7 +67,7 @@ def run_in_processes(
                     yield from _died(work, process)
 
 
-def _died(work: Work, process: _Process) -> Iterator[tuple[Task, Outcome]]:
+def _died(work: Work, process: WorkerProcess) -> Iterator[tuple[Task, Outcome]]:
     """Take the tasks of a process that died: the first is the one that it was at."""
     if not process.tasks:
         return
@@ -80,7 +80,7 @@ def _died(work: Work, process: _Process) -> Iterator[tuple[Task, Outcome]]:
         yield from work.lost([task], process.end)
 
 
-class _Process:
+class WorkerProcess:
     """A process that solves cases, and the tasks that it has."""
 
     def __init__(self, main: bool) -> None:
@@ -92,11 +92,11 @@ class _Process:
         self.end = ""
         """How it ended, in words."""
         self._since, self._outcome = time.monotonic(), None
-        self._process: SpawnProcess = context.Process(target=_work, args=(theirs,), daemon=True)
+        self._process: SpawnProcess = context.Process(target=serve_tasks, args=(theirs,), daemon=True)
         # Ctrl-C ends the campaign, which ends its processes: they never see it, not even while they begin
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
-            with _bare_main(main):
+            with hide_main(main):
                 self._process.start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -104,6 +104,7 @@ class _Process:
 
     @property
     def is_idle(self) -> bool:
+        """Return True if it has begun and has no task."""
         return self.started and not self.tasks
 
     @property
@@ -134,7 +135,7 @@ class _Process:
         if self._outcome is not None:
             yield from work.done(self.tasks.popleft(), self._outcome)
 
-    def replaced(self, main: bool) -> _Process:
+    def replaced(self, main: bool) -> WorkerProcess:
         """End it, note how it ended, and return another."""
         overdue = self.overdue
         self.stop()
@@ -142,7 +143,7 @@ class _Process:
         by = f"by {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
         late = "" if overdue is None else f" after {overdue:g} s, in which it had no result"
         self.end = f"process {self._process.pid} ended {by}{late}"
-        return _Process(main)
+        return WorkerProcess(main)
 
     def terminate(self) -> None:
         """Ask it to end; one without a task leaves nothing behind and is killed."""
@@ -159,12 +160,12 @@ class _Process:
 
 
 @contextmanager
-def _processes(count: int, main: bool) -> Iterator[list[_Process]]:
+def _processes(count: int, main: bool) -> Iterator[list[WorkerProcess]]:
     """Provide processes; none of them remains, whatever happens."""
-    processes: list[_Process] = []
+    processes: list[WorkerProcess] = []
     try:
         while len(processes) < count:
-            processes.append(_Process(main))
+            processes.append(WorkerProcess(main))
         yield processes
     finally:
         for process in processes:
@@ -173,12 +174,12 @@ def _processes(count: int, main: bool) -> Iterator[list[_Process]]:
             process.stop()
 
 
-def _work(connection: Connection) -> None:
-    """Solve cases as they come, until there are no more. What a process does."""
+def serve_tasks(connection: Connection) -> None:
+    """Solve cases as they come, until there are no more; this is what a process does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # ... and engines, which they start, do not either
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     signal.signal(signal.SIGTERM, _end)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=guard_parent_death, daemon=True).start()
     connection.send(None)
     with suppress(EOFError):
         while True:
@@ -192,7 +193,7 @@ def _end(*_: object) -> None:
     sys.exit(128 + signal.SIGTERM)
 
 
-def _end_with_parent() -> None:
+def guard_parent_death() -> None:
     """End this process when the one that started it ends."""
     parent = multiprocessing.parent_process()
     assert parent is not None  # a worker has one
@@ -203,7 +204,7 @@ def _end_with_parent() -> None:
 
 
 @contextmanager
-def _bare_main(needed: bool) -> Iterator[None]:
+def hide_main(needed: bool) -> Iterator[None]:
     """Hide the main program from new processes, unless they need it.
 
     A program that runs as a whole when it is imported, without ``if __name__ == "__main__"``, would run again in each.

@@ -82,7 +82,7 @@ def run_cases(
     """
     if isinstance(jobs, int) and jobs > 1:
         for scene in {id(case.scene): case.scene for case in cases}.values():
-            if reason := _stays(scene):
+            if reason := reason_to_stay(scene):
                 raise UsageError(
                     f"jobs = {jobs}: the law of {scene.name} cannot go to another process ({reason});"
                     " allowed: laws that are functions of a module, or jobs = 1"
@@ -111,7 +111,7 @@ def _run_planned(
     shared = graph.shared
     tasks = [
         replace(_task(node, store, everything=everything), shared=node.name in shared)
-        for node in sorted(graph.tasks, key=_turn)
+        for node in sorted(graph.tasks, key=order_of_node)
     ]
     remaining = {task.name: task.case.expected for task in tasks}
     whole = sum(remaining.values())
@@ -141,8 +141,8 @@ def _run_planned(
     return tuple(_as_of(case, results[name]) for case, name in zip(cases, graph.names, strict=True))
 
 
-def _turn(node: Node) -> tuple[float, float]:
-    """Return by what tasks are ordered: the longest first, so that all cores end at about the same time.
+def order_of_node(node: Node) -> tuple[float, float]:
+    """Return the key by which tasks are ordered: the longest first, so that all cores end at about the same time.
 
     Those that take about as long are in random order, so that two campaigns over one store do not run the same.
     """
@@ -229,11 +229,11 @@ def _outcomes(
 
     When a stop is requested, those that have begun are ended, and no other begins.
     """
-    away = [task for task in tasks if isinstance(jobs, int) or not _stays(task.case.scene, of_main=True)]
+    away = [task for task in tasks if isinstance(jobs, int) or not reason_to_stay(task.case.scene, of_main=True)]
     if isinstance(jobs, Executor):
         yield from run_by_executor(away, jobs, state)
-    elif (workers := _workers(jobs, [task.case for task in away])) > 1:
-        main = any(_stays(task.case.scene, of_main=True) for task in away)
+    elif (workers := count_workers(jobs, [task.case for task in away])) > 1:
+        main = any(reason_to_stay(task.case.scene, of_main=True) for task in away)
         yield from run_in_processes(away, workers, state, main=main)
     else:
         away = []
@@ -254,7 +254,7 @@ def _outcomes(
             yield task, outcome  # it is stored before the lock ends
 
 
-def _workers(jobs: int | None, cases: Iterable[Case]) -> int:
+def count_workers(jobs: int | None, cases: Iterable[Case]) -> int:
     """Return how many processes run the cases: ``jobs`` where it is given, otherwise as many as save time."""
     cases = list(cases)
     if jobs is not None:
@@ -265,8 +265,11 @@ def _workers(jobs: int | None, cases: Iterable[Case]) -> int:
     return cores if cores > 1 and work - work / cores > _START else 1
 
 
-def _stays(scene: Scene, *, of_main: bool = False) -> str:
-    """Why a scene cannot go to another process, '' where it can; ``of_main``: nor what only the main program has."""
+def reason_to_stay(scene: Scene, *, of_main: bool = False) -> str:
+    """Return why a scene cannot go to another process, '' where it can.
+
+    ``of_main``: laws that only the main program has stay, too.
+    """
     if scene.law is None:
         return ""
     try:

@@ -30,11 +30,11 @@ from dem_bridge.version import __version__
 #: s of expected work that travel together
 _CHUNK = 1.0
 #: chunks for each worker, so that all workers end at about the same time
-_CHUNKS_EACH = 4
+CHUNKS_EACH = 4
 #: a worker may take the time limit of a case, this factor times its expected time, and so many s
 _FACTOR, _MARGIN = 100.0, 60.0
 #: s for which a worker waits for another campaign until it is given another task
-_PAUSE = 1.0
+PAUSE = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +175,7 @@ def lock_of(task: Task) -> Iterator[bool]:
         return
     about = task.folder, task.key, task.case.expected
     if task.waits:
-        wait_for_release(*about, at_most=_PAUSE)
+        wait_for_release(*about, at_most=PAUSE)
     with locked(*about) as free:
         yield free
 
@@ -249,7 +249,7 @@ def broken(message: str, log: str) -> Outcome:
 def _chunks(tasks: Sequence[Task], workers: int) -> Iterator[list[Task]]:
     """Yield tasks in their order, short ones together."""
     work = sum(min(task.case.expected, _CHUNK) for task in tasks)
-    most, chunk, seconds = min(_CHUNK, work / (workers * _CHUNKS_EACH)), list[Task](), 0.0
+    most, chunk, seconds = min(_CHUNK, work / (workers * CHUNKS_EACH)), list[Task](), 0.0
     for task in tasks:
         if chunk and seconds + task.case.expected > most:
             yield chunk

@@ -77,7 +77,7 @@ def widen_for_moments(
     moved = np.where(last, np.minimum(moved, 4.0 * deepest[near]), moved)
     widened["displacement"] += _together(moved, last)
     if reached is not None:
-        beside = _handed_on(scene, reached, 2.0 * _together(kick, last), 2.0 * _together(moved, last))
+        beside = force_handed_on(scene, reached, 2.0 * _together(kick, last), 2.0 * _together(moved, last))
         np.maximum.at(widened["peak_force"], beside.contact, beside.force - run.peak_force[beside.contact])
         earlier = beside.contact[~beside.last & bool(np.any(kick[~last] > 0.0))]
         widened["crossing_time"][earlier] = math.inf
@@ -153,7 +153,7 @@ def _touches(scene: Scene, moments: Moments, near: NDArray[np.int64], deepest: F
     return _Touch(force, own, kick, after, stops)
 
 
-class _HandedOn(NamedTuple):
+class HandedOn(NamedTuple):
     """Contacts to which undecided touches of others may hand on a force, arrays ``(n,)``."""
 
     contact: NDArray[np.int64]
@@ -163,7 +163,7 @@ class _HandedOn(NamedTuple):
     """The contact is closed at the end of the run, and has the force then."""
 
 
-def _handed_on(scene: Scene, reached: Reached, faster: float, nearer: float) -> _HandedOn:
+def force_handed_on(scene: Scene, reached: Reached, faster: float, nearer: float) -> HandedOn:
     """Return which contacts may have a force if bodies move ``nearer`` (m) and are ``faster`` (m/s) than in a run.
 
     Contacts that are open all the time are pressed no deeper than the energy of their bodies allows; those that are
@@ -182,7 +182,7 @@ def _handed_on(scene: Scene, reached: Reached, faster: float, nearer: float) -> 
     contact = np.concatenate((near, end))
     with np.errstate(over="ignore"):  # of a stiff law it may be infinite, and is then unknown
         force = c.force(depth, contact) + c.damping[contact] * depth ** c.damping_power[contact] * rate
-    return _HandedOn(contact, force, np.isin(contact, end))
+    return HandedOn(contact, force, np.isin(contact, end))
 
 
 def _depth(contacts: Contacts, which: NDArray[np.int64], energy: Floats) -> Floats:

@@ -23,7 +23,7 @@ from dem_bridge.trajectory.trajectory import Floats, Trajectory
 #: velocities whose bar is this share of the largest are no longer known
 KNOWN = 0.01
 #: steps between two reports of a long run
-_PART = 1_000_000
+LONGEST_PART = 1_000_000
 
 
 def perturbed(scene: Scene, share: float, seed: int) -> Scene:
@@ -229,7 +229,7 @@ def long_run(
     per_sample = max(1, steps // samples)
     count = max(1, steps // per_sample)
     in_parts = scene.precompression == 0.0 and scene.conserves_energy
-    each = max(1, _PART // per_sample) if in_parts else count
+    each = max(1, LONGEST_PART // per_sample) if in_parts else count
     there, done, complete = np.zeros(scene.n_body), 0, True
     now, parts, results = scene, [], count
     while done < count:

@@ -104,7 +104,7 @@ class Prediction:
 
     @cached_property
     def slope(self) -> Floats:
-        """Slope of each value in time, ``(n,)``; 0 for a quantity without times."""
+        """Slope of each value in time, ``(n,)``: -1 for an arrival, 0 for peaks, which a shift of the clock leaves."""
         step = 0.5 * self.scene.duration / self.sampling.count
         later, earlier = (self._values(self.scene, self.run, shift=shift) for shift in (step, -step))
         return np.asarray((later - earlier) / (2.0 * step))

@@ -200,7 +200,7 @@ def _verdict(
     # two tests: the smaller probability counts twice
     p = values.p if pulses is None else min(1.0, 2.0 * min(values.p, pulses.p))
     scale = float(np.max(np.abs(compared.simulated[rows]))) or 1.0
-    outcome = _outcome(p, coverage, compared.linear) if compared.decides(quantity, coverage) else Outcome.UNDECIDED
+    outcome = outcome_of(p, coverage, compared.linear) if compared.decides(quantity, coverage) else Outcome.UNDECIDED
     nonlinear = not compared.linear and outcome is Outcome.UNDECIDED
     error, validation = (
         float(np.sqrt(np.mean(part[rows] ** 2))) / scale for part in (compared.error, compared.validation)
@@ -238,7 +238,7 @@ def _verdict_on_parameters(
     scene: Scene, fitted: Fit, declared: Joint, coverage: float, backend: str, linear: bool
 ) -> Verdict:
     """Return the verdict on the fitted parameters: whether the scene's values have their declared uncertainties."""
-    outcome, p = _outcome(declared.p, coverage, linear), declared.p
+    outcome, p = outcome_of(declared.p, coverage, linear), declared.p
     names = ", ".join(item.parameter.name for item in fitted.fitted)
     largest = max(fitted.fitted, key=lambda item: abs(item.change) / item.parameter.uncertainty)
     return Verdict(
@@ -258,7 +258,7 @@ def _verdict_on_parameters(
     )
 
 
-def _outcome(p: float, coverage: float, linear: bool) -> Outcome:
+def outcome_of(p: float, coverage: float, linear: bool) -> Outcome:
     """Return PASS, UNDECIDED or MODEL_DIFFERENCE; the limits are those of :data:`BEYOND`.
 
     Where the simulation is not linear (:attr:`Comparison.linear`), the statistic is at least that of chi-square: such a

@@ -222,7 +222,7 @@ def model_terms_of(scene: Scene, *, add: bool = True, dashpot: float = DASHPOT) 
     (N s/m) is supposed. Without: what the scene has and may do without. A switch that changes nothing is not there.
     """
     added = _from_geometry(scene, dashpot) if add and crossed(scene) else ()
-    terms = {term.id: term for term in (*_own(scene), *added)}
+    terms = {term.id: term for term in (*terms_of_scene(scene), *added)}
     model_terms = tuple(terms[id] for id in PIECES if id in terms)
 
     def does(term: ModelTerm) -> bool:
@@ -277,7 +277,7 @@ def _from_geometry(scene: Scene, dashpot: float) -> Iterator[ModelTerm]:
         yield ModelTerm("gravity", what, on=weighing)
 
 
-def _own(scene: Scene) -> Iterator[ModelTerm]:
+def terms_of_scene(scene: Scene) -> Iterator[ModelTerm]:
     """Yield the model terms that the scene has and can be without.
 
     Its drive is not among them, because without it there may be no wave.

@@ -83,10 +83,10 @@ def doubts(bench: Bench, observables: Sequence[str], *, spread: float, draws: in
     bench.of([full, *(scene for *_, scenes in parts for scene in scenes)])
     for name, what, scenes in parts:
         first, *others = bench.of([full, *scenes])
-        yield bench.tried(name, what, _median([effects(first, readings) for readings in others]), observables)
+        yield bench.tried(name, what, median_of_draws([effects(first, readings) for readings in others]), observables)
 
 
-def _median(draws: Sequence[Effects]) -> Effects:
+def median_of_draws(draws: Sequence[Effects]) -> Effects:
     """Return the median of several draws, with an uncertainty that includes all of them.
 
     It is nan for fewer than :data:`DRAWS`, whose range says little about the median of all draws.

@@ -94,7 +94,9 @@ def conditions(
         for name, quantity in TRACES.items():
             values = read(name, scene, exact)
             scale = float(np.max(np.abs(values.values)))
-            law = powers[quantity] * values.values - powers["time"] * exact.time[:, None] * _rate(scene, exact, name)
+            law = powers[quantity] * values.values - powers["time"] * exact.time[:, None] * trace_rate(
+                scene, exact, name
+            )
             small, large = (difference(name, parameter, change) / scale for change in TRACE_CHANGES)
             # the error of a central difference is a third of what doubling the change adds
             uncertainty = np.max(np.abs(large - small)) + np.max(values.uncertainty) / scale / TRACE_CHANGES[0]
@@ -141,7 +143,7 @@ def _powers(scene: Scene, parameter: str) -> dict[str, float]:
     return {name: math.log(value) for name, value in vars(_scaling(scene, parameter, math.e)).items()}
 
 
-def _rate(scene: Scene, run: Trajectory, name: str) -> Floats:
+def trace_rate(scene: Scene, run: Trajectory, name: str) -> Floats:
     """Return the time derivative of a trace ``(n_t, n_body)``."""
     if name == "displacement":
         return run.velocity

@@ -138,7 +138,7 @@ def pair_errors(name: str, exponent: float, phase: float | None, counts: Iterabl
             gap=(-PRESSED if phase is None else phase * step,),
             exponent=exponent,
         )
-        run, exact = (_solve(scene, backend, step, 1) for backend in (METHOD, REFERENCE))
+        run, exact = (solve_with_step(scene, backend, step, 1) for backend in (METHOD, REFERENCE))
         speed, error = (float(v[-1, 0] - v[-1, 1]) for v in (exact.velocity, run.velocity - exact.velocity))
         # the error at the touch grows by du/dv, and u = v f(t v^-power) with v = 1: the force is the deceleration
         since = math.nan if phase is None else (count - phase) * step
@@ -230,8 +230,8 @@ def _errors_of(scene: Scene, backend: str, label: str, count: int = RELATIVE_STE
     interval = scene.duration / CHAIN_SAMPLES
     first = max(1.0, interval * prescan_scene(scene).frequency)
     counts = np.unique(np.rint(np.geomspace(first, REFINEMENT * first, count)))
-    exact = _solve(scene, REFERENCE, 0.0, CHAIN_SAMPLES)
-    runs = (_solve(scene, backend, interval / count, CHAIN_SAMPLES) for count in counts.tolist())
+    exact = solve_with_step(scene, REFERENCE, 0.0, CHAIN_SAMPLES)
+    runs = (solve_with_step(scene, backend, interval / count, CHAIN_SAMPLES) for count in counts.tolist())
     errors = [np.max(np.abs(run.velocity - exact.velocity)) for run in runs]
     exponents = scene.contacts.exponent
     return ChainErrors(
@@ -244,7 +244,7 @@ def _errors_of(scene: Scene, backend: str, label: str, count: int = RELATIVE_STE
     )
 
 
-def _solve(scene: Scene, backend: str, step: float, samples: int) -> Trajectory:
+def solve_with_step(scene: Scene, backend: str, step: float, samples: int) -> Trajectory:
     """Return a run; a step larger by a rounding error keeps the number of steps."""
     resolution = Resolution(dt=step * (1.0 + 1e-9) if step else None)
     return Case(scene=scene, backend=backend, resolution=resolution, sampling=Sampling(count=samples)).solve()

@@ -199,7 +199,7 @@ def read_paper(
     effects = list(_effects(runs))
     contacts = [contacts_table(runs, name) for name in MAIN]
     scale = overview.scale_of_differences(studies, effects, runs, accuracy)
-    of_paper = list(_figures(runs, scattered))
+    of_paper = list(figures_of(runs, scattered))
     drawn = (
         *of_paper[:1],
         scale,
@@ -288,7 +288,7 @@ def coverage_table(runs: Runs, names: Sequence[str], accuracy: float = DEFAULT_A
     return PAPER.table("coverage", ("scene", *others), rows, main=accuracy, others=max(accuracy, OTHER_ACCURACY))
 
 
-def _figures(runs: Runs, scattered: Sequence[ScatteredChains]) -> Iterator[FigureData]:
+def figures_of(runs: Runs, scattered: Sequence[ScatteredChains]) -> Iterator[FigureData]:
     """Yield the paper's figures whose scenes have run, and those of chains with scattered angles."""
 
     def runs_of(name: str) -> figures.ChainRuns:

@@ -135,14 +135,14 @@ def study_stability(
         answer=tuple(answer(chosen, frame, results, float(gain))) or ("Nothing was finished.",),
         tables=tables(scene, frame, results),
         figures=tuple(figures(scene, chosen, frame, results, float(gain))),
-        verdicts=tuple(_agreement(point) for point in results.points if math.isfinite(point["engine"])),
+        verdicts=tuple(judge_agreement(point) for point in results.points if math.isfinite(point["engine"])),
         notes=(*results.notes, *TEXTS.notes(gain=gain, finest=100 * (FINEST - 1), ratio=100 * (RATIO - 1))),
         interrupted=results.interrupted,
         provenance={"scene": scene.name, "scene_hash": scene.content_hash, "gain": gain, "points": points},
     )
 
 
-def _agreement(point: Mapping[str, Any]) -> Verdict:
+def judge_agreement(point: Mapping[str, Any]) -> Verdict:
     """Judge whether LAMMPS and the twin have the same largest stable step."""
     apart = abs(point["engine_ratio"] - 1.0)
     names = {"scene": point["name"], "backend": GRANULAR, "reference": TWIN}

@@ -121,7 +121,9 @@ def test_a_difference_that_falls_with_the_step_is_no_wrong_law(tmp_path: Path) -
 
 
 def test_a_difference_that_stays_is_a_wrong_law_with_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dem_bridge.judging.check.law._judged", lambda lab: ("stiffness-scale", "all are too stiff"))
+    monkeypatch.setattr(
+        "dem_bridge.judging.check.law.cause_by_judge", lambda lab: ("stiffness-scale", "all are too stiff")
+    )
     law = law_of(laboratory(tmp_path, script(), lambda velocity, factor: 1.01 * velocity))
     assert (law.outcome, law.cause) == (FAIL, "stiffness-scale")
     assert "LAMMPS is off by 1 % at any step; all are too stiff" in law.sentence
@@ -134,7 +136,7 @@ def test_an_old_release_mixes_otherwise_and_the_pair_is_written(tmp_path: Path) 
     lab = laboratory(tmp_path, text, lambda velocity, factor: 1.01 * velocity, version=20210929)
     law = law_of(lab)
     assert law.cause == "mixing"
-    [edit] = checked._law_edits(
+    [edit] = checked.edits_of_law(
         lab.subject, checked.Finding(law=law, step=StepAnswer(dt=1.0, accuracy=1.0), version=20210929)
     )
     assert edit.new.splitlines()[0] == pairs.splitlines()[1]
@@ -182,7 +184,7 @@ def test_bodies_that_are_lost_by_the_step_make_it_too_coarse(tmp_path: Path, mon
 
     monkeypatch.setattr(lab, "lammps", lost)
     monkeypatch.setattr(lab, "confirmed_error", lambda factor: 5e-4)
-    finding = checked._find(lab, 1e-3)
+    finding = checked.finding_of(lab, 1e-3)
     assert (finding.law.outcome, finding.step.outcome) == (PASS, FAIL)
     assert "LAMMPS loses bodies" in finding.step.sentence
     assert finding.step.factor > 20

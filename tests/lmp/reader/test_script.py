@@ -167,7 +167,7 @@ def test_a_jump_out_of_a_loop_and_into_another_file() -> None:
     ],
 )
 def test_a_script_without_an_end_is_refused(text: str, problem: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dem_bridge.lmp.reader.script._MOST_WORK", 100_000)  # a tenth
+    monkeypatch.setattr("dem_bridge.lmp.reader.script.MOST_WORK", 100_000)  # a tenth
     with pytest.raises(SceneError, match=problem):
         _words(text, {"b": "include c\ninclude c", "c": "include b\ninclude b"})
 
@@ -230,14 +230,14 @@ _LONG = "1&&" * 5_000 + "1"
 def test_the_work_of_a_loop_is_that_of_the_texts_and_atoms_of_its_commands(
     before: str, body: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dem_bridge.lmp.reader.script._MOST_WORK", 20_000)
-    rounds, lines_of = list[str](), Script._lines_of
+    monkeypatch.setattr("dem_bridge.lmp.reader.script.MOST_WORK", 20_000)
+    rounds, lines_of = list[str](), Script.lines_of
 
     def counted(script: Script, file: str, *settings: Any) -> Any:
         rounds.append(file)
         return lines_of(script, file, *settings)
 
-    monkeypatch.setattr(Script, "_lines_of", counted)
+    monkeypatch.setattr(Script, "lines_of", counted)
     text = f"units si\natom_style sphere\n{before}\nlabel a\n{body}\njump SELF a\n"
     with pytest.raises(BlockedScript, match=r"(in\.test|bad), line"):
         read_script(text, file="in.test", opened=_FILES.__getitem__)

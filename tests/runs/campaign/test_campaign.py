@@ -26,7 +26,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs import case as case_module
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign import Crashed, Result, pool, results, run_cases
-from dem_bridge.runs.campaign.run import _workers
+from dem_bridge.runs.campaign.run import count_workers
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.keys import run_key
 from dem_bridge.runs.store import Store
@@ -310,20 +310,20 @@ def test_the_cores_are_used_where_it_pays(monkeypatch: pytest.MonkeyPatch) -> No
     chain = Scene(name="chain", duration=1e-3, mass=(1e-2,) * 40, stiffness=(4e9,) * 39, velocity=(0.8,) * 40)
     long = _case(backend="scipy", scene=chain)
     short = _case(backend="bca")
-    assert _workers(None, []) == 1
-    assert _workers(None, [short] * 10) == 1
-    assert _workers(None, [long]) == 1
-    assert _workers(None, [long] * 3) == 3  # no more than there is to do
-    assert _workers(None, [long] * 30) == 8
-    assert _workers(None, [replace(long, engine=Engine(ranks=3))] * 30) == 2
-    assert _workers(5, [short] * 3) == 3
-    assert _workers(1, [long] * 30) == 1
+    assert count_workers(None, []) == 1
+    assert count_workers(None, [short] * 10) == 1
+    assert count_workers(None, [long]) == 1
+    assert count_workers(None, [long] * 3) == 3  # no more than there is to do
+    assert count_workers(None, [long] * 30) == 8
+    assert count_workers(None, [replace(long, engine=Engine(ranks=3))] * 30) == 2
+    assert count_workers(5, [short] * 3) == 3
+    assert count_workers(1, [long] * 30) == 1
 
 
 def test_no_process_is_started_where_all_is_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cases = [_case(1e-6), _case(1e-7)]
     run_cases(cases, store=Store(tmp_path))
-    monkeypatch.setattr(pool, "_Process", None)
+    monkeypatch.setattr(pool, "WorkerProcess", None)
     assert None not in _steps(run_cases(cases, jobs=2, store=Store(tmp_path)))
 
 

@@ -122,7 +122,7 @@ def test_a_worker_with_another_version_or_other_code_is_refused(
 
 @pytest.mark.slow
 def test_a_scheduler_without_workers_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster_module, "_FIRST_WORKER", 0.1)
+    monkeypatch.setattr(cluster_module, "FIRST_WORKER_TIME", 0.1)
     with (
         dask_cluster(tmp_path, workers=0) as alone,
         pytest.raises(UsageError, match=r"the scheduler has no worker after 0\.1 s; start some with"),
@@ -134,7 +134,7 @@ def test_a_scheduler_without_workers_is_one_line(tmp_path: Path, monkeypatch: py
 def test_without_the_extra_or_a_scheduler_the_message_says_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster_module, "_ANSWER", 0.5)
+    monkeypatch.setattr(cluster_module, "ANSWER_TIME", 0.5)
     reasons = {"tcp://127.0.0.1:1": "no scheduler answers"}
     reasons |= dict.fromkeys(("nowhere", "none.json", str(tmp_path)), "there is no such file")
     for address, reason in reasons.items():

@@ -70,7 +70,7 @@ class KilledWorker(Exception):
 def test_a_case_is_tried_once_more_unless_dask_has_tried_it_alone(
     cases: int, error: Exception, sizes: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dem_bridge.runs.campaign.tasks._CHUNKS_EACH", 1e-3)  # all in one
+    monkeypatch.setattr("dem_bridge.runs.campaign.tasks.CHUNKS_EACH", 1e-3)  # all in one
     executor = Failing(error)
     results = run_cases([short_case(dt=1e-6 / k) for k in range(1, cases + 1)], jobs=executor)
     assert executor.sizes == sizes
@@ -175,7 +175,7 @@ class Dead:
 def test_a_process_that_ended_in_order_is_said_to_have(monkeypatch: pytest.MonkeyPatch) -> None:
     context = SimpleNamespace(Pipe=multiprocessing.Pipe, Process=Dead)
     monkeypatch.setattr(multiprocessing, "get_context", lambda kind: context)
-    process = pool._Process(False)
+    process = pool.WorkerProcess(False)
     process.replaced(False).stop()
     assert process.end == "process 78 ended with exit code 0"
 
@@ -221,7 +221,7 @@ def processes(monkeypatch: pytest.MonkeyPatch) -> list[Scripted]:
         made.append(Scripted(main, {"b": "dies"}))
         return made[-1]
 
-    monkeypatch.setattr(pool, "_Process", make)
+    monkeypatch.setattr(pool, "WorkerProcess", make)
     monkeypatch.setattr(pool, "wait", lambda connections, timeout: [each for each in connections if each.tasks])
     return made
 
@@ -229,7 +229,7 @@ def processes(monkeypatch: pytest.MonkeyPatch) -> list[Scripted]:
 def test_the_tasks_after_one_that_kills_its_process_are_not_lost(
     processes: list[Scripted], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dem_bridge.runs.campaign.tasks._CHUNKS_EACH", 1e-3)  # all in one
+    monkeypatch.setattr("dem_bridge.runs.campaign.tasks.CHUNKS_EACH", 1e-3)  # all in one
     tasks = [Task(name=name, case=short_case()) for name in "abcd"]
     state, running = Campaign(total=4, done=0), []
     with watching(lambda state: running.append(state.running)):
@@ -261,7 +261,7 @@ def test_three_processes_in_a_row_that_cannot_begin_are_enough(
         after.started = False
         return after
 
-    monkeypatch.setattr(pool, "_Process", lambda main: replaced(Scripted(main, {}), main))
+    monkeypatch.setattr(pool, "WorkerProcess", lambda main: replaced(Scripted(main, {}), main))
     monkeypatch.setattr(pool, "wait", lambda connections, timeout: connections)
     monkeypatch.setattr(Scripted, "is_idle", property(lambda process: process.started and not process.tasks))
     monkeypatch.setattr(Scripted, "replaced", replaced)
@@ -372,16 +372,16 @@ def test_a_run_that_others_need_is_in_their_cache_although_it_is_stored(tmp_path
         assert {replace(case, uncertainty=False) for case in cases} <= cache.runs.keys()
 
 
-def _of_main(overlap: Any) -> Any:
+def law_of_main(overlap: Any) -> Any:
     return 4e9 * overlap**1.5
 
 
 @pytest.fixture
 def of_main(monkeypatch: pytest.MonkeyPatch) -> Scene:
     """Return a scene whose law is a function of the main program."""
-    monkeypatch.setattr(sys.modules["__main__"], "_of_main", _of_main, raising=False)
-    monkeypatch.setattr(_of_main, "__module__", "__main__")
-    return replace(SHORT, name="of-main", law=_of_main)
+    monkeypatch.setattr(sys.modules["__main__"], "law_of_main", law_of_main, raising=False)
+    monkeypatch.setattr(law_of_main, "__module__", "__main__")
+    return replace(SHORT, name="of-main", law=law_of_main)
 
 
 def test_a_law_of_the_main_program_is_run_here_in_place_of_by_an_executor(of_main: Scene) -> None:
@@ -410,5 +410,5 @@ def test_cores_are_divided_by_the_most_ranks_of_an_engine(monkeypatch: pytest.Mo
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
     engines = (None, Engine(ranks=1), Engine(ranks=4))
     cases: Any = [SimpleNamespace(engine=engine, expected=50.0) for engine in engines]
-    assert run._workers(None, cases) == 2
-    assert run._workers(None, cases[:2] * 5) == 8
+    assert run.count_workers(None, cases) == 2
+    assert run.count_workers(None, cases[:2] * 5) == 8

@@ -135,7 +135,7 @@ def test_a_store_that_workers_do_not_share_costs_nothing(
     seen: bool, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # one that seems to be shared, and one of whose runs none arrives
-    monkeypatch.setattr(executors, "_shares", lambda *_: seen)
+    monkeypatch.setattr(executors, "shares_folder", lambda *_: seen)
     if seen:
         monkeypatch.setattr(
             "dem_bridge.runs.campaign.tasks.with_run", lambda task, outcome: None if outcome.kept else outcome
@@ -205,9 +205,8 @@ def test_an_ensemble_replaces_a_pool_of_processes_that_breaks() -> None:
 class Defective(Executor):
     """Solve nothing but the first block."""
 
-    _max_workers = 2
-
-    def __init__(self) -> None:
+    def __init__(self, workers: int = 2) -> None:
+        self._max_workers = workers
         self.most, self.tries = 0, list[int]()
         self._away: list[Future[Any]] = []
 
@@ -236,9 +235,8 @@ def test_a_block_that_is_lost_twice_is_an_error_that_names_it_and_few_are_away()
 
 
 def test_an_executor_has_only_so_many_chunks_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "_MOST_AWAY", 3)
-    executor = Defective()
-    monkeypatch.setattr(executor, "_max_workers", 40)  # a chunk for each case
+    monkeypatch.setattr(executors, "MOST_AWAY", 3)
+    executor = Defective(workers=40)  # a chunk for each case
     results = run_cases([short_case(backend="bca", dt=1e-6 / k) for k in range(1, 9)], jobs=executor)
     assert None not in [result.trajectory for result in results]
     assert executor.most <= 3

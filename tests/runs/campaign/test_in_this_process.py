@@ -62,7 +62,7 @@ def test_a_worker_says_that_it_has_begun_and_then_sends_an_outcome_for_each_task
     signals: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     guards = []
-    monkeypatch.setattr(pool, "_end_with_parent", lambda: guards.append(True))
+    monkeypatch.setattr(pool, "guard_parent_death", lambda: guards.append(True))
     ours, theirs = multiprocessing.Pipe()
     cases = [short_case(dt=dt) for dt in (1e-6, 5e-7, 2e-7)]
     chunks = [[packed(Task(name=str(nth), case=case)) for nth, case in part] for part in (
@@ -73,7 +73,7 @@ def test_a_worker_says_that_it_has_begun_and_then_sends_an_outcome_for_each_task
     # the campaign goes on to read, and sends no more
     duplicate = socket.socket(fileno=os.dup(ours.fileno()))
     duplicate.shutdown(socket.SHUT_WR)
-    pool._work(theirs)
+    pool.serve_tasks(theirs)
     theirs.close()
     assert ours.recv() is None
     outcomes = [ours.recv() for _ in cases]
@@ -96,14 +96,14 @@ def test_a_worker_ends_when_its_parent_has_ended(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(os, "kill", lambda *words: calls.append(words))
     monkeypatch.setattr(os, "_exit", lambda code: calls.append(code))
     monkeypatch.setattr(time, "sleep", lambda seconds: calls.append(f"{seconds:g} s"))
-    pool._end_with_parent()
+    pool.guard_parent_death()
     assert calls == ["joined", (os.getpid(), signal.SIGTERM), "5 s", 1]
 
 
 @pytest.mark.parametrize("needed", [True, False])
 def test_the_main_program_is_hidden_unless_it_is_needed(needed: bool) -> None:
     main = sys.modules["__main__"]
-    with pool._bare_main(needed):
+    with pool.hide_main(needed):
         assert (sys.modules["__main__"] is main) is needed
         assert sys.modules["__main__"].__name__ == "__main__"
     assert sys.modules["__main__"] is main
@@ -138,7 +138,7 @@ class Fake:
 def process(monkeypatch: pytest.MonkeyPatch) -> Any:
     context = SimpleNamespace(Pipe=multiprocessing.Pipe, Process=Fake)
     monkeypatch.setattr(multiprocessing, "get_context", lambda kind: context)
-    return pool._Process(True)
+    return pool.WorkerProcess(True)
 
 
 def test_a_process_is_idle_between_its_tasks_and_late_after_their_patience(
@@ -192,7 +192,7 @@ def test_a_process_is_ended_in_order_where_it_has_a_task(
     assert process.connection.closed
     assert not other.tasks
     other.stop()
-    late = pool._Process(False)
+    late = pool.WorkerProcess(False)
     monkeypatch.setattr(Task, "patience", 0.0)
     late.assign([Task(name="a", case=short_case())])
     late.replaced(True).stop()
@@ -454,25 +454,25 @@ def test_a_law_that_stays_here_is_refused_for_several_processes_alone() -> None:
         run_cases([short_case(scene)], jobs=2)
     assert run_cases([short_case(scene)], jobs=1)[0].trajectory is not None
     assert run_cases([short_case(scene)], jobs=Kept())[0].trajectory is not None  # it is run here
-    assert run._stays(SHORT) == run._stays(replace(SHORT, law=OnArrival(print)), of_main=True) == ""
+    assert run.reason_to_stay(SHORT) == run.reason_to_stay(replace(SHORT, law=OnArrival(print)), of_main=True) == ""
 
 
 def test_the_longest_begins_and_those_of_about_a_time_have_no_order(monkeypatch: pytest.MonkeyPatch) -> None:
     times = (26.0, 34.0, 2.0)
     long, less, short = (Node(name="", key=None, case=cast(Case, SimpleNamespace(expected=each))) for each in times)
-    assert [run._turn(node)[0] for node in (long, less, short)] == [-30.0, -30.0, -2.0]
-    assert len({run._turn(short)[1] for _ in range(4)}) > 1
+    assert [run.order_of_node(node)[0] for node in (long, less, short)] == [-30.0, -30.0, -2.0]
+    assert len({run.order_of_node(short)[1] for _ in range(4)}) > 1
 
 
 def test_processes_are_worth_their_start_from_two_seconds_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     for expected, workers in ((1.99, 1), (2.01, 2)):
         cases: Any = [SimpleNamespace(engine=None, expected=expected)] * 2
-        assert run._workers(None, cases) == workers
+        assert run.count_workers(None, cases) == workers
 
 
 def test_an_executor_that_takes_nothing_leaves_what_is_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "_ANSWER", 0.01)  # nobody answers
+    monkeypatch.setattr(executors, "ANSWER_TIME", 0.01)  # nobody answers
     [kept] = run_cases([short_case()], store=Store(tmp_path))
     [again] = run_cases([short_case()], store=Store(tmp_path), jobs=Kept())
     assert again.key == kept.key

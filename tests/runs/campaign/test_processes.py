@@ -112,7 +112,7 @@ def test_the_patience_is_the_time_limit_of_the_case_and_a_margin() -> None:
 
 
 def test_processes_that_cannot_begin_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pool, "_work", die)
+    monkeypatch.setattr(pool, "serve_tasks", die)
     with pytest.raises(RunBroken, match=r"3 processes died before they could begin .* take jobs = 1") as caught:
         run_cases([short_case(), short_case(dt=1e-7)], jobs=2)
     assert "\n" not in str(caught.value)

@@ -48,13 +48,13 @@ def _case(name: str, scene: Scene = PAIR, **settings: Any) -> Case:
 def solved_twins(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, bool]]:
     """Step and positions of every run of a splitting method, as it is made."""
     made: list[tuple[float, bool]] = []
-    sound = splitting._march
+    sound = splitting.run_kernel
 
     def counted(method: Any, scene: Any, contacts: Any, plan: Any, radius: Any, full: bool) -> Any:
         made.append((plan.step, bool(np.any(np.asarray(radius) > 0.0))))
         return sound(method, scene, contacts, plan, radius, full)
 
-    monkeypatch.setattr(splitting, "_march", counted)
+    monkeypatch.setattr(splitting, "run_kernel", counted)
     return made
 
 

@@ -77,7 +77,7 @@ def test_with_one_resolution_for_all_contacts_both_would_be_missed(monkeypatch: 
 
 @pytest.mark.parametrize("unit", [2.0**60, 2.0**-60], ids=["overflow", "underflow"])
 def test_series_beyond_doubles_are_refused_at_once(unit: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dem_bridge.backends.reference._time_unit", lambda *scene: unit)
+    monkeypatch.setattr("dem_bridge.backends.reference.time_unit", lambda *scene: unit)
     monkeypatch.setattr("dem_bridge.backends.reference.MOST_STEPS", 1000)
     pair = collision(mass=(1.0, 1.0), velocity=(1.0, 0.0), stiffness=1e9, exponent=2.5, gap=0.0, rest=3.0)
     assert pair is not None

@@ -48,8 +48,8 @@ def test_the_force_of_the_last_step_would_be_missed(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_force_that_is_handed_on_would_be_missed(monkeypatch: pytest.MonkeyPatch) -> None:
-    nobody = grazes._HandedOn(np.zeros(0, dtype=int), np.zeros(0), np.zeros(0, dtype=bool))
-    monkeypatch.setattr(grazes, "_handed_on", lambda *about: nobody)
+    nobody = grazes.HandedOn(np.zeros(0, dtype=int), np.zeros(0), np.zeros(0, dtype=bool))
+    monkeypatch.setattr(grazes, "force_handed_on", lambda *about: nobody)
     assert "peak_force" in outside(replace(THREE, damping=DASHPOT), dt=1e-7)
 
 

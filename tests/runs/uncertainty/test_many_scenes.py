@@ -50,7 +50,7 @@ def test_contacts_of_one_moment_have_series_within_doubles(name: str, monkeypatc
     [trial] = try_backend("reference", pairs)
     assert max(trial.ratio.values()) <= 1.0
     # planted: one unit of time for all
-    monkeypatch.setattr(reference, "_time_unit", lambda *scales: 1.0)
+    monkeypatch.setattr(reference, "time_unit", lambda *scales: 1.0)
     with pytest.raises(RunBroken, match="take backend='scipy'"):
         db.solve(pairs[0][0], backend="reference")
 

@@ -102,7 +102,7 @@ def test_a_horizon_is_where_a_bar_passes_and_a_bar_that_is_none_passes() -> None
 def test_parts_of_a_long_run_are_one_run_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = replace(SMALL, gravity=9.81)
     whole = long_run(scene, 1e-7, 20_000, samples=200)
-    monkeypatch.setattr(horizon_runs, "_PART", 3_000)
+    monkeypatch.setattr(horizon_runs, "LONGEST_PART", 3_000)
     told: list[float] = []
     parts = long_run(scene, 1e-7, 20_000, samples=200, progress=lambda done, total, label: told.append(done / total))
     assert np.array_equal(parts.velocity, whole.velocity)
@@ -114,7 +114,7 @@ def test_parts_of_a_long_run_are_one_run_to_the_last_digit(monkeypatch: pytest.M
 
 
 def test_a_long_run_that_is_stopped_leaves_what_was_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(horizon_runs, "_PART", 1_000)
+    monkeypatch.setattr(horizon_runs, "LONGEST_PART", 1_000)
 
     def stop(done: float, total: int, label: str) -> None:
         if done >= 5_000:

@@ -16,7 +16,7 @@ from dem_bridge.studies.measurement.comparison import Comparison, Whitening, com
 from dem_bridge.studies.measurement.parameters import Parameter, parameters_of
 from dem_bridge.studies.measurement.prediction import Prediction, adjust
 from dem_bridge.studies.measurement.readings import Reading
-from dem_bridge.studies.measurement.study import _outcome
+from dem_bridge.studies.measurement.study import outcome_of
 from dem_bridge.trajectory.trajectory import Floats
 from tests.helpers.synthetic import SCENE, motion
 
@@ -109,9 +109,9 @@ def test_a_simulation_that_is_not_linear_within_what_the_values_leave_decides_no
     slopes = np.array([[1.0, 0.0], [0.0, 0.02]])
     assert compared(slopes, np.zeros(2), np.zeros(2), bend=1e-3).linear
     assert not compared(slopes, np.zeros(2), np.zeros(2), bend=500.0).linear
-    assert _outcome(1e-9, 2.0, True) is Outcome.MODEL_DIFFERENCE
-    assert _outcome(1e-9, 2.0, False) is Outcome.UNDECIDED
-    assert _outcome(0.5, 2.0, False) is Outcome.PASS
+    assert outcome_of(1e-9, 2.0, True) is Outcome.MODEL_DIFFERENCE
+    assert outcome_of(1e-9, 2.0, False) is Outcome.UNDECIDED
+    assert outcome_of(0.5, 2.0, False) is Outcome.PASS
 
 
 def test_a_stiffness_at_two_uncertainties_is_no_alarm_although_the_pulse_is_shifted_far() -> None:

@@ -117,7 +117,7 @@ def test_a_switch_that_changes_nothing_is_not_there(monkeypatch: pytest.MonkeyPa
         yield ModelTerm(id="drag", what="a switch that does nothing")
         yield ModelTerm(id="gaps", what="one that does", off=lambda s: replace(s, gap=0.0))
 
-    monkeypatch.setattr("dem_bridge.studies.model_hierarchy.model_terms._own", idle)
+    monkeypatch.setattr("dem_bridge.studies.model_hierarchy.model_terms.terms_of_scene", idle)
     assert _ids(model_terms_of(RAW)) == ["gaps"]
 
 

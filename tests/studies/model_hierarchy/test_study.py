@@ -378,15 +378,15 @@ def test_draws_are_inside_their_bar() -> None:
     def draw(value: float) -> dict[str, Effect]:
         return dict.fromkeys(PASSAGE, Effect(value=value, uncertainty=1e-6, at=3))
 
-    few = hierarchy_choices._median([draw(-0.02), draw(0.011), draw(0.05)])["residence_time"]
+    few = hierarchy_choices.median_of_draws([draw(-0.02), draw(0.011), draw(0.05)])["residence_time"]
     # the range of three draws has the median of all inside it in three of four cases
     assert (few.value, few.at) == (0.02, -1)
     assert math.isnan(few.uncertainty)
     sizes = (-0.02, 0.011, 0.05, 0.02, 0.02, 0.03)
-    found = hierarchy_choices._median([draw(size) for size in sizes])["residence_time"]
+    found = hierarchy_choices.median_of_draws([draw(size) for size in sizes])["residence_time"]
     assert (found.value, found.uncertainty, found.at) == (0.02, pytest.approx(0.03 + 1e-6), -1)
-    assert hierarchy_choices._median([draw(-0.02)]) == draw(-0.02)
-    assert hierarchy_choices._median([draw(math.inf), draw(math.inf)])["arrival_at_end"].value == math.inf
+    assert hierarchy_choices.median_of_draws([draw(-0.02)]) == draw(-0.02)
+    assert hierarchy_choices.median_of_draws([draw(math.inf), draw(math.inf)])["arrival_at_end"].value == math.inf
 
 
 def test_the_command_prints_and_writes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, store: Path) -> None:

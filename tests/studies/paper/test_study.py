@@ -168,8 +168,8 @@ def test_coverage_is_the_difference_to_the_reference(runs: Runs) -> None:
 
 def test_figures_of_scenes_that_have_not_run_are_left_out(runs: Runs) -> None:
     left = Runs.of(result for (name, _), result in runs.results.items() if name not in (LONG[0], "tapered-forward"))
-    assert [one.id for one in study._figures(left, [])] == ["figure-2", "figure-3"]
-    assert list(study._figures(Runs.of([]), [])) == []
+    assert [one.id for one in study.figures_of(left, [])] == ["figure-2", "figure-3"]
+    assert list(study.figures_of(Runs.of([]), [])) == []
 
 
 # all of it

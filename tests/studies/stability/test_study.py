@@ -77,14 +77,14 @@ def test_lammps_has_the_twins_limit_and_another_limit_is_a_failure(monkeypatch: 
     with granular(Engine()) as lammps:
         point = point_of(pair, allowed=1.0, engine=engine_on(pair, lammps))
     assert math.isfinite(point["engine"])
-    assert stability._agreement(point).outcome is Outcome.PASS
+    assert stability.judge_agreement(point).outcome is Outcome.PASS
 
     # planted: an engine that steps by 3 % more than it is asked for
     def longer(scene: Scene, plan: Schedule, contacts: Contacts) -> Motion:
         return solve_motion(scene, replace(plan, step=1.03 * plan.step), contacts)
 
     wrong = point_of(pair, allowed=1.0, engine=longer)
-    assert stability._agreement(wrong).outcome is Outcome.FAIL
+    assert stability.judge_agreement(wrong).outcome is Outcome.FAIL
 
 
 def test_conservation_does_not_show_what_is_wrong() -> None:
