@@ -39,10 +39,10 @@ def no_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
 
     monkeypatch.setattr(metadata.Distribution, "from_name", hide)
     process.probe.cache_clear()
-    base._version.cache_clear()
+    base.version_of.cache_clear()
     yield
     process.probe.cache_clear()
-    base._version.cache_clear()
+    base.version_of.cache_clear()
 
 
 @pytest.fixture
