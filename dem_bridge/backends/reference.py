@@ -24,6 +24,7 @@ from dem_bridge.backends.scales import (
 )
 from dem_bridge.backends.scipy_dop853 import ScipyDop853
 from dem_bridge.backends.taylor import integrate
+from dem_bridge.backends.taylor_series import BODY, COMPONENT, CONTACT, Table
 from dem_bridge.errors import RunBroken
 from dem_bridge.foundation.compiled import interruptible
 from dem_bridge.foundation.stopwatch import Stopwatch
@@ -100,30 +101,15 @@ class Reference(AlwaysAvailable):
         """
         watch = Stopwatch()
         original, (scene, frame) = scene, in_common_frame(scene)
-        c, n, times = scene.contacts, scene.n_body, sampling.times(scene.duration)
+        c, times = scene.contacts, sampling.times(scene.duration)
         speed, depth = natural_scales(scene)
-        of_left, of_right = np.full(n, -1), np.full(n, -1)
-        inner_left, inner_right = c.left < n, c.right < n
-        of_right[c.left[inner_left]] = np.flatnonzero(inner_left)
-        of_left[c.right[inner_right]] = np.flatnonzero(inner_right)
         touch = unfelt * _unfelt(scene, speed, depth)
         # the usual unit, and where coefficients are beyond doubles in it one in which those of faint contacts are not
         for unit in dict.fromkeys((time_unit(scene, speed, depth), time_unit(scene, speed, depth, touch))):
-            x, v, force, deepest, crossing, steps, openings, closings = interruptible(
-                integrate,
-                np.array(scene.mass),
-                np.array(scene.velocity) * unit,
-                (c.left, c.right, c.stiffness * unit**2, c.exponent, c.gap),
-                of_left,
-                of_right,
-                scene.free_acceleration * unit**2,
-                times / unit,
-                touch,
-                speed * unit if speed > 0.0 else 1.0,
-                resting_acceleration(scene) * unit**2,
-                order,
-                accuracy,
-                MOST_STEPS,
+            bodies, contacts, components, place = chain_tables(scene, unit, touch)
+            unit_speed = speed * unit if speed > 0.0 else 1.0
+            x, v, force, steps, openings, closings = interruptible(
+                integrate, bodies, contacts, components, times / unit, order, accuracy, unit_speed, MOST_STEPS
             )
             if np.all(np.isfinite(v)):
                 break
@@ -137,12 +123,35 @@ class Reference(AlwaysAvailable):
             displacement=x,
             velocity=v / unit,
             contact_force=force / unit**2,
-            peak_force=c.stiffness * deepest ** (c.exponent - 1.0),
-            crossing_time=crossing * unit,
+            peak_force=c.stiffness * contacts["deepest"][place] ** (c.exponent - 1.0),
+            crossing_time=contacts["crossing"][place] * unit,
             cost=Cost.since(watch, steps=steps, force_evaluations=steps * (order + 1)),
             provenance=run_provenance(self, original, settings) | {"openings": openings, "closings": closings},
         )
         return in_rest_frame(run, frame, scene.drag)
+
+
+def chain_tables(
+    scene: Scene, unit: float, touch: NDArray[np.float64]
+) -> tuple[Table, Table, Table, NDArray[np.int64]]:
+    """Return bodies, contacts and room for components, with times in ``unit`` s, and the places of the contacts.
+
+    They are in the order of the chain, from the left wall to the right wall, whether these are there or not.
+    """
+    c, n = scene.contacts, scene.n_body
+    bodies, contacts = np.zeros(n + 2, BODY), np.zeros(n + 1, CONTACT)
+    bodies["v"][1:-1], bodies["inverse"][1:-1] = np.array(scene.velocity) * unit, 1.0 / np.array(scene.mass)
+    bodies["weight"][1:-1], bodies["owner"] = scene.free_acceleration * unit**2, -1
+    place = np.where(c.left < n, c.left + 1, 0)
+    contacts["column"], contacts["crossing"] = -1, np.nan
+    of = {
+        "stiffness": c.stiffness * unit**2, "exponent": c.exponent, "touch": touch, "s": -c.gap, "shut": -c.gap > touch,
+        "resting": resting_acceleration(scene) * unit**2, "deepest": np.maximum(-c.gap, 0.0),
+        "column": np.arange(scene.n_contact),
+    }  # fmt: skip
+    for name, values in of.items():
+        contacts[name][place] = values
+    return bodies, contacts, np.zeros(n + 1, COMPONENT), place
 
 
 def _unfelt(scene: Scene, speed: float, depth: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,14 +1,17 @@
-"""Taylor series of one step of a chain, compiled: coefficients, length, and what ends the step; see :mod:`.taylor`."""
+"""Taylor series of one step of a component, compiled: coefficients, length, and what ends the step; see :mod:`.taylor`.
+
+A component is a run of closed contacts, from ``first`` to ``last``, with the bodies ``first`` to ``last + 1``.
+"""
 
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.backends.polynomials import root, swing, turning_points, value
-from dem_bridge.foundation.compiled import Bools, Floats, Ints, kernel
+from dem_bridge.foundation.compiled import Floats, kernel
 
 #: coefficients looked at for the length of a step: by symmetry some may vanish
 _TAIL = 5
@@ -25,149 +28,101 @@ class Event(IntEnum):
     CLOSES = 2
     #: a contact at rest in touch is pressed until its force is felt
     FELT = 3
-    #: the end of the run, or a collision of bodies that coast
+    #: the end of the run
     STOPS = 4
 
 
-class Bodies(NamedTuple):
-    """All bodies and the wall, ``(n_body + 1,)``."""
-
-    x: Floats
-    v: Floats
-    t: Floats
-    """When ``x`` and ``v`` were so."""
-    inverse: Floats
-    """1 by mass."""
-    weight: Floats
-    """Acceleration without contact."""
-    where: Ints
-    """Place among those that have series, -1: none."""
-
-
-class Contacts(NamedTuple):
-    """All contacts, ``(n_contact,)``."""
-
-    left: Ints
-    right: Ints
-    stiffness: Floats
-    exponent: Floats
-    touch: Floats
-    resting: Floats
-    s: Floats
-    """Overlap."""
-    t: Floats
-    """When it was so."""
-    shut: Bools
-    seen: Bools
-    """Whether the contact is among those that have series."""
-    stamp: Ints
-    """Number of the only valid entry in the heap."""
-    shut_list: Ints
-    """The closed contacts, one more than there can be."""
-    shut_at: Ints
-    """Place in that list."""
-    deepest: Floats
-    crossing: Floats
-
-
-class Local(NamedTuple):
-    """Those that need series now."""
-
-    body: Ints
-    contact: Ints
-    a: Ints
-    """Left body of each contact, by its place here; ``b`` right body."""
-    b: Ints
-    closed: Bools
-    stiffness: Floats
-    exponent: Floats
-    touch: Floats
-    overlap: Floats
-    position: Floats
-    velocity: Floats
-    inverse: Floats
-    weight: Floats
-
-
-class Series(NamedTuple):
-    """Coefficients of all series of a step."""
-
-    w: Floats
-    power: Floats
-    """Row q is w^(q+2)."""
-    t: Floats
-    v: Floats
-    """``(n_body, order + 1)``."""
-    x: Floats
-    g: Floats
-    """Acceleration."""
-    s: Floats
-    """``(n_contact, order + 1)``."""
-    u: Floats
-    f: Floats
+#: a body between the walls, or one of these at either end: state, which is that at the start of a step or of a free
+#: flight, and the time of it, inverse mass, acceleration without contact, the next sample that is not written yet, and
+#: the first contact of its component (-1: it coasts)
+BODY = np.dtype(
+    [(name, "f8") for name in ("x", "v", "t", "inverse", "weight")] + [(name, "i8") for name in ("row", "owner")]
+)
+#: a contact; number q joins the bodies q and q + 1. ``s``: overlap, of a closed contact at the start of the step of its
+#: component, of an open one at the time ``t``, when its bodies had gone ``left_way`` and ``right_way`` since their own
+#: times; ``felt``: it begins at an overlap of ``touch`` and not of 0; ``closed``: it is shut and has a force in this
+#: step; ``column`` of its forces in the results (-1: no contact); ``stamp`` of its only valid entry in the heap
+CONTACT = np.dtype(
+    [(name, "f8") for name in ("stiffness", "exponent", "touch", "resting", "s", "t", "left_way", "right_way")]
+    + [("shut", "?"), ("felt", "?"), ("closed", "?"), ("deepest", "f8"), ("crossing", "f8")]
+    + [("column", "i8"), ("stamp", "i8")],
+    align=True,
+)
+#: the step of a component, which is named after its first contact: times of both ends, r at the end,
+#: last contact, contact that sets dt = w dr, what ends it and at which contact, and stamp
+COMPONENT = np.dtype(
+    [(name, "f8") for name in ("begin", "end", "length")]
+    + [(name, "i8") for name in ("last", "near", "event", "which", "stamp")]
+)
+#: arrays of these
+Table = NDArray[np.void]
+#: coefficients by quantity, by body, contact or first contact of a component, and by order: clock (w, t), velocity,
+#: displacement and acceleration of bodies, overlap, its rate and force of contacts
+Series = NDArray[np.float64]
+W, T, V, X, G, S, U, F = range(8)
 
 
 @kernel()
-def expand(order: int, near: int, bodies: int, contacts: int, local: Local, series: Series) -> None:
-    """Make all series around the present moment. ``near``: the local contact that sets dt = w dr (-1: dt = dr)."""
-    _, _, a, b, closed, stiffness, exponent, _, overlap, position, velocity, inverse, weight = local
-    w, power, t, v, x, g, s, u, f = series
-    w[: order + 1] = 0.0
-    t[0] = 0.0
-    w[0] = 1.0
-    folds = 0
-    if near >= 0:
-        w[0] = np.sqrt(max(overlap[near], 0.0))
-        folds = round(2.0 * (exponent[near] - 1.0)) - 1
-    for i in range(bodies):
-        v[i, 0] = velocity[i]
-        x[i, 0] = position[i]
-    for j in range(contacts):
-        s[j, 0] = overlap[j]
+def value_of(series: Series, quantity: int, i: int, r: float) -> float:
+    """Return the value of a quantity at ``r``; a view of its coefficients would cost counts of references."""
+    order = series.shape[2] - 1
+    total = series[quantity, i, order]
+    for o in range(order - 1, -1, -1):
+        total = total * r + series[quantity, i, o]
+    return float(total)
+
+
+@kernel()
+def expand(near: int, first: int, last: int, bodies: Table, contacts: Table, series: Series) -> None:
+    """Make all series of a component around the present moment. ``near``: the contact that sets dt = w dr."""
+    order = series.shape[2] - 1
+    v, x, g, s, u, f = series[V], series[X], series[G], series[S], series[U], series[F]
+    w, t, power = series[W, first], series[T, first], np.empty((8, order + 1))
+    w[:] = 0.0
+    t[0], w[0] = 0.0, np.sqrt(max(contacts[near].s, 0.0))
+    folds = round(2.0 * (contacts[near].exponent - 1.0)) - 1
+    for i in range(first, last + 2):
+        v[i, 0], x[i, 0] = bodies[i].v, bodies[i].x
+    for j in range(first, last + 1):
+        s[j, 0] = contacts[j].s
     for o in range(order + 1):
-        if near >= 0:
-            # powers of w: power[q] is w^(q+2); those of w itself up to order o are known
-            for q in range(folds):
-                total = 0.0
-                for d in range(o + 1):
-                    total += (w[d] if q == 0 else power[q - 1, d]) * w[o - d]
-                power[q, o] = total
-        for i in range(bodies):
-            g[i, o] = weight[i] if o == 0 else 0.0
-        for j in range(contacts):
-            u[j, o] = v[a[j], o] - v[b[j], o]
-            if not closed[j]:
+        # powers of w: power[q] is w^(q+2), and the first is the overlap; those of w itself up to order o are known
+        if folds > 0:
+            power[0, o] = s[near, o]
+        for q in range(1, folds):
+            total = 0.0
+            for d in range(o + 1):
+                total += power[q - 1, d] * w[o - d]
+            power[q, o] = total
+        for i in range(first, last + 2):
+            g[i, o] = bodies[i].weight if o == 0 else 0.0
+        for j in range(first, last + 1):
+            u[j, o] = v[j, o] - v[j + 1, o]
+            contact = contacts[j]
+            if not contact.closed:
                 continue
             if j == near:
-                f[j, o] = stiffness[j] * (power[folds - 1, o] if folds > 0 else w[o])
+                f[j, o] = contact.stiffness * (power[folds - 1, o] if folds > 0 else w[o])
             elif o == 0:
-                f[j, 0] = stiffness[j] * overlap[j] ** (exponent[j] - 1.0)
+                f[j, 0] = contact.stiffness * contact.s ** (contact.exponent - 1.0)
             else:
-                total = 0.0
+                total, n = 0.0, contact.exponent
                 for d in range(1, o + 1):
-                    total += (exponent[j] * d - o) * s[j, d] * f[j, o - d]
-                f[j, o] = total / (o * overlap[j])
-            g[a[j], o] -= f[j, o] * inverse[a[j]]
-            g[b[j], o] += f[j, o] * inverse[b[j]]
+                    total += (n * d - o) * s[j, d] * f[j, o - d]
+                f[j, o] = total / (o * contact.s)
+            g[j, o] -= f[j, o] * bodies[j].inverse
+            g[j + 1, o] += f[j, o] * bodies[j + 1].inverse
         if o == order:
             break
         t[o + 1] = w[o] / (o + 1)
-        if near < 0:
-            for i in range(bodies):
-                v[i, o + 1] = g[i, o] / (o + 1)
-                x[i, o + 1] = v[i, o] / (o + 1)
-            for j in range(contacts):
-                s[j, o + 1] = u[j, o] / (o + 1)
-            continue
         w[o + 1] = 0.5 * u[near, o] / (o + 1)
-        for i in range(bodies):
+        for i in range(first, last + 2):
             kick, drift = 0.0, 0.0
             for d in range(o + 1):
                 kick += w[d] * g[i, o - d]
                 drift += w[d] * v[i, o - d]
-            v[i, o + 1] = kick / (o + 1)
-            x[i, o + 1] = drift / (o + 1)
-        for j in range(contacts):
+            v[i, o + 1], x[i, o + 1] = kick / (o + 1), drift / (o + 1)
+        for j in range(first, last + 1):
             total = 0.0
             if j == near:
                 for d in range(o + 2):
@@ -181,65 +136,57 @@ def expand(order: int, near: int, bodies: int, contacts: int, local: Local, seri
 
 @kernel()
 def series_length(
-    order: int, near: int, bodies: int, contacts: int, speed: float, accuracy: float, local: Local, series: Series
+    near: int, first: int, last: int, speed: float, accuracy: float, contacts: Table, series: Series
 ) -> float:
     """Return the length of a step for which the last coefficients contribute ``accuracy`` of speeds and overlaps."""
-    closed, touch, overlap, v, s = local.closed, local.touch, local.overlap, series.v, series.s
-    step = np.inf
+    order, v, s, step = series.shape[2] - 1, series[V], series[S], np.inf
     for o in range(order - _TAIL + 1, order + 1):
         largest = 0.0
-        for i in range(bodies):
+        for i in range(first, last + 2):
             largest = max(largest, abs(v[i, o]) / speed)
-        for j in range(contacts):
-            if closed[j] and j != near:
-                largest = max(largest, abs(s[j, o]) / max(overlap[j], touch[j]))
+        for j in range(first, last + 1):
+            if contacts[j].closed and j != near:
+                largest = max(largest, abs(s[j, o]) / max(contacts[j].s, contacts[j].touch))
         if largest > 0.0:
             step = min(step, (accuracy / largest) ** (1.0 / o))
     if not step < np.inf:
         step = 1.0
     # a closed contact other than the nearest must stay well away from its own singularity
-    for q in range(contacts):
-        if closed[q] and q != near:
+    for j in range(first, last + 1):
+        if contacts[j].closed and j != near:
             for _ in range(80):
-                if value(s[q], order, step) > 0.1 * overlap[q]:
+                if value_of(series, S, j, step) > 0.1 * contacts[j].s:
                     break
                 step *= 0.7
     return step
 
 
 @kernel()
-def nearest_contact(bodies: int, contacts: int, local: Local, every: Bodies, of: Contacts) -> int:
-    """Take over the present state, and return the closed contact that is nearest to its opening or closing."""
-    x_all, v_all, s_all, shut = every.x, every.v, of.s, of.shut
-    body, contact, a, b, closed, _, _, touch, overlap, position, velocity, _, _ = local
-    for q in range(bodies):
-        position[q], velocity[q] = x_all[body[q]], v_all[body[q]]
-    near, least = -1, np.inf
-    for q in range(contacts):
-        overlap[q] = s_all[contact[q]]
-        if shut[contact[q]]:
-            rate = velocity[a[q]] - velocity[b[q]]
-            soon = max(overlap[q], 0.0) / abs(rate) if rate != 0.0 else np.inf
-            if soon < least or near < 0:
-                near, least = q, soon
+def nearest_contact(first: int, last: int, bodies: Table, contacts: Table) -> int:
+    """Return the contact of a component that is nearest to its opening or closing, and note which have a force."""
+    near, least = first, np.inf
+    for j in range(first, last + 1):
+        rate = bodies[j].v - bodies[j + 1].v
+        soon = max(contacts[j].s, 0.0) / abs(rate) if rate != 0.0 else np.inf
+        if soon < least:
+            near, least = j, soon
     # of contacts that close at the same moment one is the nearest; the others wait until they are felt
-    for q in range(contacts):
-        closed[q] = shut[contact[q]] and (q == near or overlap[q] >= touch[q])
+    for j in range(first, last + 1):
+        contacts[j].closed = j == near or contacts[j].s >= contacts[j].touch
     return near
 
 
 @kernel()
 def next_event(
-    order: int, near: int, contacts: int, length: float, now: float, stop: float, local: Local,
-    series: Series, turns: Floats,
-) -> tuple[float, Event, int]:  # fmt: skip
-    """Return where a step ends, at most at its ``length``, what ends it, and which local contact that is.
+    near: int, first: int, last: int, length: float, remaining: float, contacts: Table, series: Series, turns: Floats
+) -> tuple[float, Event, int]:
+    """Return where a step ends, at most at its ``length``, what ends it, and which contact that is.
 
-    ``stop``: time at which it ends at the latest; ``turns``: room for turning points.
+    ``remaining``: time until it ends at the latest; ``turns``: room for turning points.
     """
-    w, t, r, event, which = series.w, series.t, length, Event.NONE, -1
-    if value(t, order, r) > stop - now and value(w, order, r) > 0.0:
-        r, event = root(t, order, stop - now, 0.0, r), Event.STOPS
+    order, w, t, r, event, which = series.shape[2] - 1, series[W, first], series[T, first], length, Event.NONE, -1
+    if value(t, order, r) > remaining and value(w, order, r) > 0.0:
+        r, event = root(t, order, remaining, 0.0, r), Event.STOPS
     if value(w, order, r) <= 0.0:
         low = 0.0
         if w[0] == 0.0:  # it has just closed: look for the next zero
@@ -247,60 +194,55 @@ def next_event(
             while value(w, order, low) <= 0.0 and low > 0.0:
                 low *= 0.1
         r, event, which = root(w, order, 0.0, low, r), Event.OPENS, near
-        if now + value(t, order, r) > stop:
-            r, event, which = root(t, order, stop - now, 0.0, r), Event.STOPS, -1
-    a, b, closed, touch, overlap = local.a, local.b, local.closed, local.touch, local.overlap
-    s, u, g = series.s, series.u, series.g
-    for q in range(contacts):
-        if closed[q]:
+        if value(t, order, r) > remaining:
+            r, event, which = root(t, order, remaining, 0.0, r), Event.STOPS, -1
+    for j in range(first, last + 1):
+        if contacts[j].closed:
             continue
         # at rest in touch, and then pressed: force begins where it begins to be felt
-        level = 0.0 if overlap[q] < 0.0 else touch[q]
-        if overlap[q] + swing(s[q], order, r) <= level:
+        s, u, touch, overlap = series[S, j], series[U, j], contacts[j].touch, contacts[j].s
+        level = 0.0 if overlap < 0.0 else touch
+        if overlap + swing(s, order, r) <= level:
             continue
         upto = r
-        count, falls = turning_points(u[q], order, r, turns)
+        count, falls = turning_points(u, order, r, turns)
         for turn in range(0 if falls else 1, count, 2):
-            if value(s[q], order, turns[turn]) > level:
+            if value(s, order, turns[turn]) > level:
                 upto = turns[turn]  # it may come and go
                 break
-        if value(s[q], order, upto) <= level:
+        if value(s, order, upto) <= level:
             continue
-        at = root(s[q], order, level, 0.0, upto)
+        at = root(s, order, level, 0.0, upto)
         if level == 0.0:
-            pull = value(g[a[q]], order, at) - value(g[b[q]], order, at)
-            if _is_slow(value(u[q], order, at), pull, touch[q]):
-                level = touch[q]
-                if value(s[q], order, upto) <= level:
+            pull = value_of(series, G, j, at) - value_of(series, G, j + 1, at)
+            if is_slow(value(u, order, at), pull, touch):
+                level = touch
+                if value(s, order, upto) <= level:
                     continue
-                at = root(s[q], order, level, at, upto)
-        r, event, which = at, Event.CLOSES if level == 0.0 else Event.FELT, q
+                at = root(s, order, level, at, upto)
+        r, event, which = at, Event.CLOSES if level == 0.0 else Event.FELT, j
     return r, event, which
 
 
 @kernel()
-def note_peaks(
-    order: int, contacts: int, r: float, now: float, local: Local, series: Series, of: Contacts, turns: Floats
-) -> None:
-    """Note the maximal compressions within a step of length ``r``."""
-    contact, a, b, closed = local.contact, local.a, local.b, local.closed
-    s, u, g, t = series.s, series.u, series.g, series.t
-    deepest, crossing, resting = of.deepest, of.crossing, of.resting
-    for q in range(contacts):
-        if not closed[q]:
+def note_peaks(first: int, last: int, r: float, begin: float, contacts: Table, series: Series, turns: Floats) -> None:
+    """Note the maximal compressions within a step of length ``r`` of a component, which began at a time."""
+    order = series.shape[2] - 1
+    for j in range(first, last + 1):
+        contact = contacts[j]
+        if not contact.closed:
             continue
-        j = contact[q]
-        count, falls = turning_points(u[q], order, r, turns)
+        count, falls = turning_points(series[U, j], order, r, turns)
         for turn in range(0 if falls else 1, count, 2):
             top = turns[turn]
-            deepest[j] = max(deepest[j], value(s[q], order, top))
-            pull = value(g[b[q]], order, top) - value(g[a[q]], order, top)
-            if np.isnan(crossing[j]) and abs(pull) >= resting[j]:
-                crossing[j] = now + value(t, order, top)
+            contact.deepest = max(contact.deepest, value_of(series, S, j, top))
+            pull = value_of(series, G, j + 1, top) - value_of(series, G, j, top)
+            if np.isnan(contact.crossing) and abs(pull) >= contact.resting:
+                contact.crossing = begin + value_of(series, T, first, top)
 
 
 @kernel()
-def _is_slow(rate: float, pull: float, touch: float) -> bool:
+def is_slow(rate: float, pull: float, touch: float) -> bool:
     """Return whether a contact with this closing rate at an overlap of 0 reaches ``touch`` by its acceleration.
 
     Without a rate nothing can start at 0, for dt = w dr stands still there. Such a contact starts at ``touch``, where

@@ -100,6 +100,7 @@ EDITS: dict[str, set[tuple[str, bool] | str]] = {
     "runs/store.py": set(),
     "runs/keys.py": set(),
     "backends/taylor.py": _of("reference"),
+    "backends/taylor_components.py": _of("reference"),
     "backends/taylor_series.py": _of("reference"),
     "backends/blanes_moan.py": _of("blanes-moan"),
     "backends/dormand_prince.py": _of("ode45"),
