@@ -56,6 +56,6 @@ def check(file: str, as_json: bool = False, folder: Path | None = None, **settin
 
 
 def _announce(file: str, cost: float | None) -> None:
-    """Print on stderr how long a check takes."""
-    takes = "a few runs of LAMMPS" if cost is None else f"about {max(1.0, cost):.0f} s"
+    """Print on stderr what a check costs."""
+    takes = "a few runs of LAMMPS" if cost is None else f"about {max(1.0, cost):.0f} s of CPU time"
     click.echo(f"dem-bridge: check of {file}: {takes}", err=True)

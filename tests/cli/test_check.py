@@ -30,7 +30,7 @@ def test_a_coarse_step_is_answered_in_eight_lines_with_a_page(folder: Path) -> N
     assert len(lines) <= 8
     assert lines[0].startswith("FAIL       The step is too coarse: at 3.5e-06 s velocities are wrong by 1.6 %")
     assert lines[1].split("  #")[0].split() == ["write", "timestep", "7.022e-07"]
-    assert re.fullmatch(r"dem-bridge: check of in.coarse: about \d+ s\n", done.stderr)
+    assert re.fullmatch(r"dem-bridge: check of in.coarse: about \d+ s of CPU time\n", done.stderr)
     page = (folder / "page" / "index.html").read_text()
     assert {path.name for path in (folder / "page").iterdir()} >= {"index.html", "check.json", "figures", "tables"}
     assert "timestep 7.022e-07" in page
@@ -82,3 +82,30 @@ def test_verify_takes_an_input_script_and_a_step(folder: Path) -> None:
     paper = run_here("verify", "paper", "--dt", "1e-7", "-o", "paper", cwd=folder)
     assert paper.returncode == 2
     assert_one_line(paper, "dt = 1e-07 was given for 'paper'")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        (
+            "pair_style granular",
+            "pair_style table linear 1000",
+            "`pair_style table linear 1000` reads forces from a file",
+        ),
+        ("hertz/material 2e+11 0 0.3", "jkr 2e+11 0 0.3 0.05", "has the normal model jkr, which is not supported"),
+    ],
+)
+def test_a_law_that_is_not_read_is_named_with_its_line_and_is_not_called_wrong(
+    old: str, new: str, why: str, folder: Path
+) -> None:
+    text = script().replace(old, new, 1)
+    assert text != script()
+    (folder / "in.unread").write_text(text)
+    line = next(number for number, line in enumerate(text.splitlines(), 1) if new.strip() in line)
+    done = run_here("check", "in.unread", "--json", cwd=folder)
+    law = json.loads(done.stdout)["law"]
+    [problem] = law["unsupported"]
+    assert problem.startswith(f"line {line}: ")
+    assert why in problem
+    assert law["outcome"] != "FAIL"
+    assert law["difference"] is None

@@ -27,9 +27,9 @@ from dem_bridge.trajectory.trajectory import Floats
 #: samples at which velocities are compared, about
 SAMPLES_COMPARED = 400
 #: runs of LAMMPS, of our velocity-Verlet code and of the reference that a check usually makes, for its cost
-_LAMMPS_STEPS, _TWIN_STEPS, _REFERENCE_RUNS = 5.0, 30.0, 7.0
-#: time, s, that starting LAMMPS and reading its dump takes in a check
-_OVERHEAD = 3.0
+_LAMMPS_STEPS, _TWIN_STEPS, _REFERENCE_RUNS = 2.0, 12.0, 3.0
+#: CPU time, s, that imports, starting LAMMPS and reading its dumps take in a check
+_OVERHEAD = 4.5
 
 Progress = Callable[[float, int, str], None]
 
@@ -232,7 +232,7 @@ class Laboratory:
             return None
 
     def expected_cost(self) -> float | None:
-        """Return about how long the check takes, s; None where it cannot be known."""
+        """Return the CPU time of the check, s, within a factor of two; None where it cannot be known."""
         if self.scene is None or self.prescan is None or not (dt := self.subject.deck.dt):
             return None
         outlook = Outlook(scene=self.scene, prescan=self.prescan, sampling=Sampling(count=self.scene.samples))
