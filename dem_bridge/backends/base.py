@@ -252,7 +252,7 @@ def run_provenance(backend: Named, scene: Scene, settings: Mapping[str, Any]) ->
         "equations": backend.equations,
         "scene": scene.name,
         "scene_hash": scene.content_hash,
-        **({} if (facts := impact_facts(scene)) is None else {"impact": facts}),
+        **({} if (facts := impact_facts(scene)) is None else {"impact": dict(facts)}),
         "settings": dict(settings),
         "versions": versions_of("dem-bridge", "numpy", "scipy", "numba"),
         "machine": f"{platform.system()} {platform.machine()}",

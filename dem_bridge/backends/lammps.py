@@ -100,7 +100,7 @@ class LammpsGranular:
         checked_values(deck, steps, values)
         dense = dense_of(scene, deck, steps, values)
         provenance: dict[str, Any] = {
-            "lammps": engine_certificate(self.engine, report, scene, deck),
+            "lammps": engine_certificate(self.engine, report, scene.n_body, deck),
             "engine_wall": report.wall,
             "engine_loop": report.loop,
             "engine_memory": report.memory,

@@ -108,10 +108,10 @@ def dump_size(deck: Deck) -> int:
     return frame * len(deck.schedule.dense_steps)
 
 
-def engine_certificate(engine: Engine, report: EngineReport, scene: Scene, deck: Deck) -> dict[str, Any]:
+def engine_certificate(engine: Engine, report: EngineReport, bodies: int, deck: Deck) -> dict[str, Any]:
     """Return the provenance of the engine: which LAMMPS ran, how, and the known defects that the deck met."""
     defects = defects_of(report.version, deck.files[deck.input_file])
-    note = "; ".join(filter(None, (engine.note(scene.n_body), *map(str, defects))))
+    note = "; ".join(filter(None, (engine.note(bodies), *map(str, defects))))
     return {
         "version": report.version,
         "packages": list(report.packages),

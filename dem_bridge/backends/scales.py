@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.scene.derived import derived, frozen
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 
@@ -103,6 +104,7 @@ def resting_speed(scene: Scene) -> float:
     return math.sqrt(float(np.max(c.stiffness * (-c.gap) ** c.exponent * lighter, initial=0.0)))
 
 
+@derived
 def resting_acceleration(scene: Scene) -> NDArray[np.float64]:
     """Return the closing acceleration (m/s^2) of each contact, ``(n_contact,)``, below which it counts as at rest.
 
@@ -113,4 +115,4 @@ def resting_acceleration(scene: Scene) -> NDArray[np.float64]:
     c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
     held = scene.precompression > 0.0 or scene.gravity != 0.0 or scene.adhesive
     force = c.stiffness * np.maximum(-c.gap, 0.0) ** (c.exponent - 1.0) if held else np.zeros(scene.n_contact)
-    return np.asarray(RESTING * force * (mobility[c.left] + mobility[c.right]))
+    return frozen(RESTING * force * (mobility[c.left] + mobility[c.right]))

@@ -97,8 +97,10 @@ def solve(
     costs: Mapping[str, Any] = {"watch": watch, "evaluations": len(method.drifts) * plan.steps + 1}
     if len(tables.law) == 0 and FUSED.covers(scene):
         dense, farthest, largest, turns = run_kernel(method, scene, scene.contacts, plan, radius, full)
-        check_finite(code, scene, plan, dense.velocity)
-        peaks = at_turns(turns, largest, exponent=scene.contacts.exponent, resolution=touching_in_flight(farthest))
+
+        def peaks() -> tuple[Floats, Floats]:
+            return at_turns(turns, largest, exponent=scene.contacts.exponent, resolution=touching_in_flight(farthest))
+
         return read_off(code, scene, plan, dense, settings, peaks=peaks, **costs), dense
     dense = _stepped(method, scene, scene.contacts, plan, radius, tables, cells)
     return read_off(code, scene, plan, dense, settings, **costs), dense

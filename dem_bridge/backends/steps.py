@@ -6,7 +6,7 @@ And what twin and ASE read off them, alike as well, so that it drops out of thei
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -129,17 +129,17 @@ def read_off(
     *,
     watch: Stopwatch,
     evaluations: int,
-    peaks: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+    peaks: Callable[[], tuple[Floats, Floats]] | None = None,
     provenance: Mapping[str, Any] = MappingProxyType({}),
     child_cpu: float = 0.0,
 ) -> Trajectory:
     """Return the trajectory of a run of ``code``, which began with ``watch``; ``dense`` may be the samples alone.
 
-    ``peaks``: peak forces and crossing times; None: read off the dense samples. ``provenance``: more than all codes
-    have; ``child_cpu``: CPU time of a child process, s. Raises RunBroken where velocities are not finite.
+    ``peaks`` returns peak forces and crossing times; None: read off the dense samples. ``provenance``: more than all
+    codes have; ``child_cpu``: CPU time of a child process, s. Raises RunBroken where velocities are not finite.
     """
     check_finite(code, scene, plan, dense.velocity)
-    peak_force, crossing = peaks or peaks_and_crossings(scene, plan, dense)
+    peak_force, crossing = peaks() if peaks is not None else peaks_and_crossings(scene, plan, dense)
     keep = slice(None, None, (len(dense.velocity) - 1) // plan.samples)
     return Trajectory(
         time=Sampling(count=plan.samples).times(scene.duration),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.physics.law import ContactLaw, power_law
 from dem_bridge.scene import features
+from dem_bridge.scene.derived import derived, frozen
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.support import Condition, Exponents, Support, labels
 
@@ -77,6 +78,7 @@ TABLE_STYLE = Support(
 )
 
 
+@derived
 def line_order(scene: Scene) -> NDArray[np.int64]:
     """Return the index of the scene's contact (chain, wall_left, wall_right) at each place along the line of atoms."""
     links = len(scene.stiffness)
@@ -85,7 +87,7 @@ def line_order(scene: Scene) -> NDArray[np.int64]:
         order.insert(0, links)
     if scene.wall_right is not None:
         order.append(scene.n_contact - 1)
-    return np.array(order, dtype=np.int64)
+    return frozen(np.array(order, dtype=np.int64))
 
 
 def coefficients(

@@ -5,6 +5,8 @@ LAMMPS' granular styles report no contact energy, so it is computed from the con
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 
 from dem_bridge.observables.interpolate import (
@@ -42,10 +44,15 @@ def energy_parts(scene: Scene, trajectory: Moving, contacts: Contacts | None = N
     ``contacts``: those of the scene with other gaps; None: its own.
     """
     require_known_forces(scene, "energies")
-    mass, c = np.array(scene.mass), contacts or scene.contacts
+    c = contacts or scene.contacts
+    return _parts_at(scene, trajectory, c, contact_motion(scene, trajectory, c)[0])
+
+
+def _parts_at(scene: Scene, trajectory: Moving, c: Contacts, overlap: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return what :func:`energy_parts` returns, at overlaps of the contacts, m; negative where they are open."""
+    mass = np.array(scene.mass)
     kinetic = 0.5 * trajectory.velocity**2 @ mass
-    overlap = np.maximum(contact_motion(scene, trajectory, c)[0], 0.0)
-    stored = c.energy(overlap, np.arange(scene.n_contact)).sum(axis=1)
+    stored = c.energy(np.maximum(overlap, 0.0), np.arange(scene.n_contact)).sum(axis=1)
     potential = -scene.gravity * trajectory.displacement @ mass - trajectory.displacement @ scene.load
     return np.asarray(kinetic), np.asarray(stored), np.asarray(potential)
 
@@ -66,11 +73,16 @@ def energy_uncertainty(scene: Scene, trajectory: Trajectory) -> Floats:
     To first order, energy changes by ``m v`` for each velocity, and for each displacement by minus the outer forces and
     by the forces of both contacts.
     """
+    return _uncertainty_at(scene, trajectory, contact_motion(scene, trajectory)[0])
+
+
+def _uncertainty_at(scene: Scene, trajectory: Trajectory, overlap: Floats) -> Floats:
+    """Return what :func:`energy_uncertainty` returns, at overlaps of the contacts, m."""
     u_v, u_x = (trajectory.uncertainty[name] for name in ("velocity", "displacement"))
     if not np.isfinite((u_v, u_x)).all():
         return np.full(len(trajectory.time), np.inf)
     mass, c, n = np.array(scene.mass), scene.contacts, scene.n_body
-    force = c.force(np.maximum(contact_motion(scene, trajectory)[0], 0.0), np.arange(scene.n_contact))
+    force = c.force(np.maximum(overlap, 0.0), np.arange(scene.n_contact))
     ends = (c.left < n).astype(float) + (c.right < n)  # a wall does not move
     steady = float(np.sum(np.abs(scene.steady_force)))
     return np.asarray(u_v * (np.abs(trajectory.velocity) @ mass) + u_x * ((np.abs(force) + c.pull_off) @ ends + steady))
@@ -82,11 +94,27 @@ def measure_momentum(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floa
     return momentum(scene, trajectory), momentum_uncertainty(scene, trajectory), float(scale)
 
 
+#: parts of the energy and their uncertainty of each trajectory that still exists: two observables need them
+_energies: WeakKeyDictionary[Trajectory, tuple[Scene, tuple[Floats, Floats, Floats], Floats]] = WeakKeyDictionary()
+
+
+def _energies_of(scene: Scene, trajectory: Trajectory) -> tuple[tuple[Floats, Floats, Floats], Floats]:
+    """Return :func:`energy_parts` and :func:`energy_uncertainty` of a run, from one motion of its contacts."""
+    kept = _energies.get(trajectory)
+    if kept is None or kept[0] != scene:
+        require_known_forces(scene, "energies")
+        overlap = contact_motion(scene, trajectory)[0]
+        parts = _parts_at(scene, trajectory, scene.contacts, overlap)
+        kept = _energies[trajectory] = scene, parts, _uncertainty_at(scene, trajectory, overlap)
+    return kept[1], kept[2]
+
+
 def measure_energy(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, float]:
     """Return the energy, its uncertainty and its scale, the largest sum of the magnitudes of its parts, J."""
-    kinetic, stored, potential = parts = energy_parts(scene, trajectory)
+    parts, uncertainty = _energies_of(scene, trajectory)
+    kinetic, stored, potential = parts
     scale = np.max(sum(map(np.abs, parts)), initial=0.0)
-    return kinetic + stored + potential, energy_uncertainty(scene, trajectory), float(scale)
+    return kinetic + stored + potential, uncertainty, float(scale)
 
 
 def measure_energy_less_work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats, float]:
@@ -94,10 +122,10 @@ def measure_energy_less_work(scene: Scene, trajectory: Trajectory) -> tuple[Floa
 
     The scale is the largest sum of the energy in motion and the magnitude of the work.
     """
-    (kinetic, stored, potential), (done, unknown) = energy_parts(scene, trajectory), work(scene, trajectory)
+    (kinetic, stored, potential), uncertainty = _energies_of(scene, trajectory)
+    done, unknown = work(scene, trajectory)
     scale = np.max(kinetic + np.abs(done), initial=0.0)
-    uncertainty = energy_uncertainty(scene, trajectory) + unknown
-    return kinetic + stored + potential - done, uncertainty, float(scale)
+    return kinetic + stored + potential - done, uncertainty + unknown, float(scale)
 
 
 def work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, float]:

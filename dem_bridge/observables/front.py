@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.interpolate import FEWER, NODES, acceleration, hermite, root_between, spacing
-from dem_bridge.observables.observable import Measured, measured
+from dem_bridge.observables.observable import Measured, measured, of_run
 from dem_bridge.physics.solitary import solitary_wave
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
@@ -300,7 +300,7 @@ def _wave_speed(scene: Scene, run: Trajectory) -> Measured:
 
 DECLARED = (
     measured(
-        lambda scene, run: Measured(arrival(None, run), arrival_uncertainty(None, run)),
+        of_run(arrival, arrival_uncertainty),
         name="arrival",
         definition="Time at which the impulse reaches the body: the first maximal compression of the contact on its"
         " struck side (Chaunsali, Kim & Yang 2018, section 4a).",
@@ -309,7 +309,10 @@ DECLARED = (
         follows="crossing_time",
     ),
     measured(
-        lambda scene, run: Measured(arrival(None, run)[-1], arrival_uncertainty(None, run)[-1]),
+        of_run(
+            lambda scene, run: arrival(None, run)[-1],
+            lambda scene, run: arrival_uncertainty(None, run)[-1],
+        ),
         name="arrival_at_end",
         definition="Arrival of the impulse at the last body of the chain.",
         unit="s",
@@ -317,7 +320,7 @@ DECLARED = (
         follows="crossing_time",
     ),
     measured(
-        lambda scene, run: Measured(residence_time(None, run), residence_time_uncertainty(None, run)),
+        of_run(residence_time, residence_time_uncertainty),
         name="residence_time",
         definition="Time between the first maximal compressions of the two contacts of the body, during which it holds"
         " the impulse (Chaunsali, Kim & Yang 2018, section 4a).",
@@ -325,7 +328,7 @@ DECLARED = (
         axis=("body",),
     ),
     measured(
-        lambda scene, run: Measured(front_speed(None, run), front_speed_uncertainty(None, run)),
+        of_run(front_speed, front_speed_uncertainty),
         name="front_speed",
         definition="Speed of the wave front at the body in bodies per second: the inverse of the residence time.",
         unit="1/s",

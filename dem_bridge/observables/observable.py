@@ -20,6 +20,8 @@ from dem_bridge.trajectory.trajectory import VOCABULARY, Floats, Trajectory
 
 #: a quantity of a scene and a run of it, ``(n_axis, ...)`` in the order of ``Observable.axis``
 Reader = Callable[[Scene, Trajectory], Floats]
+#: a quantity that needs no scene
+ReaderOfRun = Callable[[None, Trajectory], Floats]
 #: axes that an observable may have, in this order; without any it is one number of the whole chain
 AXES = ("time", "body", "contact")
 
@@ -186,6 +188,15 @@ def measured(
         follows=follows,
         measure=measure,
     )
+
+
+def of_run(value: ReaderOfRun, uncertainty: ReaderOfRun) -> Callable[[Scene, Trajectory], Measured]:
+    """Return the function that measures what a run alone has: value and uncertainty need no scene."""
+
+    def measure(scene: Scene, run: Trajectory) -> Measured:
+        return Measured(value(None, run), uncertainty(None, run))
+
+    return measure
 
 
 def stored(

@@ -101,6 +101,11 @@ def determined_by(key: str) -> Mapping[str, Any] | None:
     return _as_json({**whole, "code": code})
 
 
+def same_engine(key: str, engine: Engine | None) -> bool:
+    """Return True if a key that this process made has the LAMMPS that is there now."""
+    return key in _DETERMINED and _DETERMINED[key][0]["engine"] == _engine(engine or Engine.chosen())
+
+
 def present(before: Mapping[str, Any], scene: Scene) -> dict[str, Any]:
     """Return what would determine a run now that was determined by ``before``, with the same settings; JSON types."""
     of_engine = None if before["engine"] is None else _engine_now(before["engine"])

@@ -1,6 +1,7 @@
 """Support of a code: a declaration of the scenes that it can solve, from which the reasons for all others follow.
 
->>> from dem_bridge.scene.features import GAPS
+>>> from dem_bridge.scene.derived import derived
+from dem_bridge.scene.features import GAPS
 >>> import dem_bridge as db
 >>> support = Support({GAPS})
 >>> pair = db.Scene(name="pair", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), drag=1.0)
@@ -14,6 +15,7 @@ import math
 from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass
 
+from dem_bridge.scene.derived import derived
 from dem_bridge.scene.features import FEATURES, OTHER_EXPONENTS, Feature
 from dem_bridge.scene.scene import Scene
 
@@ -88,6 +90,7 @@ class Support:
         """Return True if the scene has supported features only."""
         return self.unsupported_reason(scene) is None
 
+    @derived
     def unsupported_reason(self, scene: Scene) -> str | None:
         """Return the reason why the scene is not supported, in one line; None if it is supported."""
         problems, allowed = [], []

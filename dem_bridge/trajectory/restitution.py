@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
+from dem_bridge.scene.derived import derived
 
 if TYPE_CHECKING:
     from dem_bridge.scene.scene import Scene
@@ -25,6 +26,7 @@ Floats = NDArray[np.float64]
 ROUND_OFF = 1e-14
 
 
+@derived
 def impact_facts(scene: Scene) -> dict[str, Any] | None:
     """Return what the restitution of a run depends on in addition to its samples, as JSON types.
 

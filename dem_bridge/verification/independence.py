@@ -24,7 +24,8 @@ LANGUAGE = frozenset(
     for name in (
         "backends.base", "errors", "foundation.compiled", "foundation.leftovers", "foundation.progress",
         "foundation.stopwatch", "runs.cache", "runs.case", "runs.code", "runs.keys", "runs.store", "scene.contacts",
-        "scene.features", "scene.scene", "scene.support", "trajectory.relative", "trajectory.trajectory",
+        "scene.derived", "scene.features", "scene.scene", "scene.support", "trajectory.relative",
+        "trajectory.trajectory",
     )
 )  # fmt: skip
 #: modules through which nothing reaches the values of a run. ``tabled`` gives the twin the tables of a deck for the

@@ -22,6 +22,7 @@ from dem_bridge.runs.campaign.identity import check_identity, identity
 from dem_bridge.runs.campaign.results import Crashed, Failure, run_case
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.digits import fingerprint, made_at, planned_fingerprint
+from dem_bridge.runs.keys import same_engine
 from dem_bridge.runs.locks import locked, wait_for_release
 from dem_bridge.runs.store import Store
 from dem_bridge.trajectory.trajectory import Trajectory
@@ -146,7 +147,7 @@ def key_where_made(case: Case, planned: str | None, *, here: bool = True) -> str
     An engine may have become another meanwhile, and another machine has other keys. ``here``: this process planned it.
     """
     own_place = here and planned_fingerprint() == fingerprint()
-    if planned is None or (own_place and case.backend not in ENGINE_BACKENDS):
+    if planned is None or (own_place and (case.backend not in ENGINE_BACKENDS or same_engine(planned, case.engine))):
         return planned
     with made_at(""):
         return case.key
