@@ -16,12 +16,14 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.errors import BlockedScript, RunBroken, SceneError, UsageError
 from dem_bridge.foundation.files import MOST_BYTES, opened, text_of_file
 from dem_bridge.judging.stated import of_any_contact
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.opening import files_of
+from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import run_deck, workspace
 from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.scene import ReadDeck, read_deck
@@ -30,6 +32,8 @@ from dem_bridge.scene.scene import Scene
 
 #: the added dump, and its file
 _DUMP, _FILE = "dem_bridge", "dem_bridge.dump"
+#: the added dump of the frames in which forces act, and its file
+_ACTIVE, _ACTIVE_FILE = "dem_bridge_active", "dem_bridge_active.bin"
 #: commands of which one begins a line of every LAMMPS deck
 _DECK = re.compile(r"^[ \t]*(units|atom_style|pair_style|read_data|create_box|include)[ \t]+\S", re.MULTILINE)
 #: fields of a scene that are compared with those of the deck, with the relative difference that counts as round-off
@@ -52,6 +56,21 @@ class DeckRun:
     version: int
     dangerous: int
     """Dangerous builds of the neighbour list."""
+    order: tuple[int, ...] = ()
+    """Places of the bodies along the chain in frames that are sorted by the ids of atoms; empty without a scene."""
+    axis: int = 0
+    """Axis of the chain: 0, 1 or 2."""
+
+    def active(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return the steps of the frames in which forces act, and velocities by atom ids, ``(n_frame, n_atom, 3)``.
+
+        There are none if the dump was not asked for.
+        """
+        path = self.out.with_name(_ACTIVE_FILE)
+        if not path.is_file() or path.stat().st_size == 0:
+            return np.zeros(0, dtype=np.int64), np.zeros((0, 0, 3))
+        steps, values = read_binary_dump(path, 4)
+        return steps, values[:, :, 1:]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,11 +198,13 @@ def deck_run(
     time_limit: float,
     changed: Mapping[str, str] = MappingProxyType({}),
     every: int | None = None,
+    active_every: int | None = None,
 ) -> Iterator[DeckRun]:
     """Run a copy of a deck with a dump of ours; its files are removed after the context.
 
     ``changed``: texts in place of those of files of the deck, by name. ``every``: steps between two frames of the dump;
-    None: those of a sample of the scene.
+    None: those of a sample of the scene. ``active_every``: those between two frames of one more dump, which has only
+    frames in which the forces on atoms differ; None: no such dump.
 
     Raises
     ------
@@ -201,7 +222,7 @@ def deck_run(
         cause = next((text for text in deck.problems if "variable" in text), "")
         raise UsageError(cause or f"{path}: the deck has no run command that can be read; give a deck that runs")
     with workspace() as folder:
-        for name in _named_paths(deck):
+        for name in named_paths(deck):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             if (path.parent / name).is_file():
                 shutil.copyfile(path.parent / name, folder / name)
@@ -209,7 +230,7 @@ def deck_run(
             (folder / name).write_text(text, encoding="utf-8")
         target = folder / run.file
         lines = target.read_text(encoding="utf-8-sig").splitlines(keepends=True)
-        lines.insert(run.line - 1, _dump_line(every or _every(deck, scene)))
+        lines.insert(run.line - 1, _dump_line(every or _every(deck, scene), active_every))
         target.write_text("".join(lines), encoding="utf-8")
         report = run_deck(folder, path.name, time_limit=time_limit, engine=engine)
         log = folder / "log.lammps"
@@ -217,8 +238,7 @@ def deck_run(
         loops = [int(steps) for steps in re.findall(r"^Loop time of .* for (\d+) steps", text, re.MULTILINE)]
         if not (folder / _FILE).is_file() or (loops and not any(loops)):
             raise RunBroken(f"{path}: LAMMPS ended without an error, but it ran no step; give a deck that runs")
-        if deck.read is not None:
-            _put_in_order(folder / _FILE, mirrored=deck.mirrored)
+        order, axis = _put_in_order(folder / _FILE, mirrored=deck.mirrored) if deck.read is not None else ((), 0)
         if deck.state.units == "lj":  # taken as m, s and kg, as the reader of decks does
             dump = (folder / _FILE).read_text()
             (folder / _FILE).write_text(dump.replace("ITEM: UNITS\nlj\n", "ITEM: UNITS\nsi\n"))
@@ -231,10 +251,12 @@ def deck_run(
             deck=deck,
             version=report.version,
             dangerous=sum(map(int, builds)),
+            order=order,
+            axis=axis,
         )
 
 
-def _named_paths(deck: UserDeck) -> set[str]:
+def named_paths(deck: UserDeck) -> set[str]:
     """Return the deck, and what its commands name in its folder or in a subfolder of it, relative to the folder."""
     words = {word for command in deck.commands for word in (command.file, *command.rest)}
     names = {deck.path.name}
@@ -256,17 +278,33 @@ def _every(deck: UserDeck, scene: Scene | None) -> int:
     return max(1, deck.state.steps // scene.samples)
 
 
-def _dump_line(every: int) -> str:
-    """Return the line that defines the added dump, once also in a loop."""
-    dump = f"dump {_DUMP} all custom {every} {_FILE} id type x y z vx vy vz"
-    settings = f"dump_modify {_DUMP} sort id units yes time yes format float %.17g"
-    return f'if "$(is_defined(dump,{_DUMP})) == 0" then "{dump}" "{settings}"\n'
+def _dump_line(every: int, active_every: int | None = None) -> str:
+    """Return the line that defines the added dumps, once also in a loop."""
+    lines = [
+        f"dump {_DUMP} all custom {every} {_FILE} id type x y z vx vy vz",
+        f"dump_modify {_DUMP} sort id units yes time yes format float %.17g",
+    ]
+    if active_every is not None:
+        apart = "+".join(f"c_{_ACTIVE}_most[{k}]-c_{_ACTIVE}_least[{k}]" for k in (1, 2, 3))
+        lines += [
+            f"compute {_ACTIVE}_most all reduce max fx fy fz",
+            f"compute {_ACTIVE}_least all reduce min fx fy fz",
+            f"variable {_ACTIVE}_none equal '{apart} == 0.0'",
+            f"dump {_ACTIVE} all custom {active_every} {_ACTIVE_FILE} id vx vy vz",
+            f"dump_modify {_ACTIVE} sort id skip v_{_ACTIVE}_none",
+        ]
+    commands = " ".join(f'"{line}"' for line in lines)
+    return f'if "$(is_defined(dump,{_DUMP})) == 0" then {commands}\n'
 
 
-def _put_in_order(dump: Path, *, mirrored: bool) -> None:
-    """Sort the atoms of the added dump along the chain, and change all signs if body 0 is at the upper end."""
+def _put_in_order(dump: Path, *, mirrored: bool) -> tuple[tuple[int, ...], int]:
+    """Sort the atoms of the added dump along the chain, and change all signs if body 0 is at the upper end.
+
+    The result is the order, as places in frames that are sorted by the ids of atoms, and the axis of the chain.
+    """
     head, *frames = re.split(r"(?<=\n)(ITEM: ATOMS[^\n]*\n)", dump.read_text())
     ranks: dict[str, int] = {}
+    sorting, axis = np.zeros(0, dtype=np.int64), 0
     parts = [head]
     for heading, text in zip(frames[::2], frames[1::2], strict=True):
         numbers, kept, rest = [], [], ""
@@ -277,14 +315,16 @@ def _put_in_order(dump: Path, *, mirrored: bool) -> None:
                 numbers.append(line.split())
         if not ranks:
             places = np.array([row[2:5] for row in numbers], dtype=float)
-            along = places[:, int(np.argmax(np.ptp(places, axis=0)))]
-            order = np.argsort(-along if mirrored else along, kind="stable")
+            axis = int(np.argmax(np.ptp(places, axis=0)))
+            order = np.argsort(-places[:, axis] if mirrored else places[:, axis], kind="stable")
+            sorting = np.argsort(np.argsort([int(row[0]) for row in numbers]))[order]
             ranks = {numbers[place][0]: rank for rank, place in enumerate(order, start=1)}
         for number, kind, *values in sorted(numbers, key=lambda row: ranks[row[0]]):
             signed = [(word[1:] if word.startswith("-") else f"-{word}") for word in values] if mirrored else values
             kept.append(" ".join((str(ranks[number]), kind, *signed)))
         parts.append(heading + "\n".join(kept) + "\n" + rest)
     dump.write_text("".join(parts))
+    return tuple(sorting.tolist()), axis
 
 
 def differences(scene: Scene, other: Scene) -> dict[str, str]:

@@ -54,10 +54,21 @@ def highest_frequencies(scene: Scene, trajectory: Trajectory) -> tuple[float, fl
     >>> f"{pair:.3g} rad/s, {mode / pair:.2f}"
     '1.86e+05 rad/s, 1.27'
     """
+    return _highest(scene, contact_motion(scene, trajectory)[0])
+
+
+def highest_mode(scene: Scene, displacement: Floats) -> float:
+    """Return the highest angular frequency of a mode, rad/s, of samples of displacements, m, ``(n_t, n_body)``."""
+    c, x = scene.contacts, np.pad(displacement, ((0, 0), (0, 1)))  # a wall is one more body at rest
+    return _highest(scene, x[:, c.left] - x[:, c.right] - c.gap)[1]
+
+
+def _highest(scene: Scene, overlap: Floats) -> tuple[float, float]:
+    """Return what :func:`highest_frequencies` returns, by the overlaps of contacts, m, ``(n_t, n_contact)``."""
     from scipy.linalg import eigvalsh_tridiagonal
 
     c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
-    k = tangent_stiffness(scene, contact_motion(scene, trajectory)[0])
+    k = tangent_stiffness(scene, overlap)
     # along the line of bodies: the left wall's contact is the first
     links = len(scene.stiffness)
     first = [links] if scene.wall_left is not None else []

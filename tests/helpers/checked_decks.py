@@ -374,12 +374,28 @@ def mixtures() -> Iterable[Variant]:
         "BROKEN",
         "leaves the box",
     )
+    yield _deck(
+        "bodies leave the box, and the step is too coarse",
+        "FAIL",
+        script(
+            per_contact=3.0,
+            boundary="boundary f f f",
+            box="region box block -0.011 0.046 -0.02 0.02 -0.02 0.02 units box\ncreate_box 2 box",
+            length=900.0,
+        ),
+        "BROKEN",
+        "leaves the box",
+    )
 
 
 def beyond() -> Iterable[Variant]:
     """Yield what cannot be read as a chain: it is named by its line, and is not called wrong."""
     off = "\n".join(f"create_atoms 1 single {2.0 * RADIUS * k:.15g} {1e-3 * (k == 2):g} 0 units box" for k in range(5))
     yield _deck("a body off the line, coarse", "FAIL", script(per_contact=10.0, atoms=off), "UNDECIDED", "off the line")
+    yield _deck(
+        "a body off the line, lost by the step", "FAIL",
+        script(per_contact=1.2, length=20.0, atoms=off, boundary="boundary f f f"), "UNDECIDED", "loses bodies",
+    )  # fmt: skip
     yield _deck("a body off the line, fine", "UNDECIDED", script(per_contact=200.0, atoms=off), "UNDECIDED", "line ")
     pair = "\n".join(
         f"create_atoms 1 single {2.0 * RADIUS * k:.15g} {row * 0.012:g} 0 units box" for row in (0, 1) for k in range(3)

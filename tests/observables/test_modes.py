@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.observables.modes import highest_frequencies, tangent_stiffness
+from dem_bridge.observables.modes import highest_frequencies, highest_mode, tangent_stiffness
 from dem_bridge.physics.dispersion import dispersion
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Cost, Trajectory
@@ -127,3 +127,12 @@ def test_where_the_slope_is_infinite_at_touch_there_is_no_highest_frequency() ->
     scene = Scene(name="sharp", duration=1.0, mass=(1.0, 1.0), stiffness=(1.0,), velocity=(1.0, 0.0), exponent=1.5)
     with pytest.raises(UnsupportedScene, match=r"n = 1\.5.*allowed: n >= 2"):
         highest_frequencies(scene, at_rest(scene, [0.0, 0.0]))
+
+
+def test_the_highest_mode_follows_from_displacements_alone() -> None:
+    scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+    squared = 1.5 * 4e9 * math.sqrt(1e-5) * (1 / 8e-3 + 1 / 1e-2)
+    pressed = np.array([[0.0, 0.0], [1e-5, 0.0], [0.0, 1e-5]])
+    assert highest_mode(scene, pressed) == pytest.approx(math.sqrt(squared))
+    run = db.solve(scene, backend="reference")
+    assert highest_mode(scene, run.displacement) == highest_frequencies(scene, run)[1]

@@ -20,9 +20,11 @@ if TYPE_CHECKING:
     from dem_bridge.trajectory.trajectory import Floats
 
 #: keys of a check, in their order
-KEYS = ("outcome", "law", "step", "engine", "plausibility", "advice")
+KEYS = ("outcome", "law", "step", "engine", "plausibility", "advice", "notes")
 #: lines to write that the terminal shows
 MOST_LINES_TO_WRITE = 3
+#: properties that, if they are not plausible, make an answer doubtful
+_NAMES_OF_DOUBTS = ("density", "modulus", "overlap")
 #: outcomes of the parts in words
 _OF_LAW = {Outcome.PASS: "right", Outcome.FAIL: "wrong", Outcome.UNDECIDED: "undecided", Outcome.BROKEN: "not run"}
 _OF_STEP = {
@@ -70,6 +72,8 @@ class Check(KeyedAnswer):
     """The script as it was read."""
     corrected: Mapping[str, str] = field(default_factory=dict)
     """Texts of the files with the lines to write, by name; empty if there are none."""
+    companions: Mapping[str, bytes] = field(default_factory=dict)
+    """Files that the script reads, by name; empty if there is nothing to write."""
     pictures: Pictures | None = None
 
     @property
@@ -136,7 +140,7 @@ class Check(KeyedAnswer):
 
     def as_json(self) -> dict[str, Any]:
         """Return the keys :data:`KEYS` with JSON types; a number that is not finite becomes null."""
-        return {key: self[key] for key in KEYS}
+        return {key: self[key] for key in KEYS} | {"notes": list(self.notes)}
 
     @property
     def headline(self) -> str:
@@ -154,25 +158,31 @@ class Check(KeyedAnswer):
             parts.append(law.sentence.rstrip("."))
         if law.outcome is Outcome.PASS and step.outcome is Outcome.PASS and not parts:
             error = f"within {share(step.error)} of the largest, {share(step.accuracy)} is allowed"
-            parts.append(f"law and step are right: at {step.step} velocities are {error}")
+            doubts = [entry.sentence for entry in self.plausible if entry.look and entry.name in _NAMES_OF_DOUBTS]
+            doubt = f", but look at the numbers: {'; '.join(doubts)}" if doubts else ""
+            parts.append(f"law and step are right: at {step.step} velocities are {error}{doubt}")
         if law.outcome is Outcome.UNDECIDED:
             parts.append(f"the law was not checked: {law.sentence.rstrip('.')}")
         if step.outcome is Outcome.UNDECIDED and law.outcome is not Outcome.BROKEN:
             parts.append(step.sentence.rstrip("."))
         if law.outcome is Outcome.UNDECIDED and step.outcome is Outcome.PASS:
-            parts.append(f"the step is right: {step.headline}")
+            parts.append(f"the step changes velocities by {share(step.error)} of the largest at {step.step}")
         return f"{'. '.join(part[:1].upper() + part[1:] for part in parts)}."
 
     def lines(self, page: str = "") -> Iterator[tuple[str, str]]:
         """Yield at most eight lines as pairs of name and text; ``page`` is the path of the page, if there is one."""
         yield self.outcome, self.headline
         lines, most = self.advice, MOST_LINES_TO_WRITE - bool(page)
+        spare = len(lines) > most and not self.engine_answer.defects
+        most += spare  # in place of the line on the release
         for place, line in enumerate(lines[:most]):
-            more = f"  (and {len(lines) - most} more lines: --json)" if place == most - 1 and len(lines) > most else ""
+            left = len(lines) - most
+            more = f"  (and {left} more line{'s' * (left > 1)}: --json)" if place == most - 1 and left > 0 else ""
             yield "write" if place == 0 else "", line + more
         yield "law", f"{_OF_LAW[self.law_answer.outcome]}: {self.law_answer.sentence}"
         yield "step", f"{_OF_STEP[self.step_answer.outcome]}: {self.step_answer.sentence}"
-        yield "release", self.engine_answer.sentence
+        if not spare:
+            yield "release", self.engine_answer.sentence
         yield "plausible", self.plausible_text
         if page:
             yield "page", page
@@ -183,7 +193,9 @@ class Check(KeyedAnswer):
         looks = [entry.sentence for entry in self.plausible if entry.look]
         if looks:
             return f"look: {'; '.join(looks)}."
-        return f"yes: {'; '.join(entry.sentence for entry in self.plausible) or 'nothing is unusual'}."
+        usual = "; ".join(entry.sentence for entry in self.plausible)
+        unread = "not examined: the script is not read as a chain" if self.unsupported else "nothing is unusual"
+        return f"yes: {usual}." if usual else f"{unread}."
 
     def __repr__(self) -> str:
         return "\n".join(f"{name:10} {text}" for name, text in self.lines())

@@ -28,14 +28,15 @@ from dem_bridge.observables.accuracy import checked_accuracy
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.scene.scene import Scene
 
-#: messages of LAMMPS on bodies that have left the box or have no place
+#: messages of LAMMPS on bodies that have left the box or have no place, or are closer than a table goes
 _MESSAGES_ON_LOST_BODIES = re.compile(
-    r"Lost atoms|Non-numeric|out of range atoms|no longer in the simulation box", re.IGNORECASE
+    r"Lost atoms|Non-numeric|out of range atoms|no longer in the simulation box|table (inner|outer) cutoff",
+    re.IGNORECASE,
 )
-#: factors by which steps are shortened until LAMMPS loses no body
-_FACTORS_OF_RESCUE = (4, 16, 64, 256)
-#: error of our code above which a step is beyond the stability limit
-_LEAST_UNSTABLE_ERROR = 0.1
+#: factors by which steps are shortened until LAMMPS loses no body, and the work (steps times bodies) of the last one
+_FACTORS_OF_RESCUE, _MOST_STEPS_TIMES_BODIES = (2, 10, 50, 250), 5e7
+#: step, relative to 2/omega of the stiffest contact, at which a body that is lost is not lost by the step
+_STEP_THAT_LOSES_NO_BODY = 0.1
 #: a neighbour list that misses no contact
 _NEIGHBOUR_LIST_COMMAND = "neigh_modify delay 0 every 1 check yes"
 
@@ -77,6 +78,8 @@ def check_file(
             last_lab = replace(lab, subject=_changed(subject, law_edits))
             last_lab = Laboratory(subject=last_lab.subject, engine=engine, time_limit=time_limit, progress=progress)
             last = finding_of(last_lab, accuracy)
+            if last.law.outcome is Outcome.BROKEN:  # these lines do not mend it
+                law_edits, last = (), first
         edits = (*law_edits, *subject.added, *_step_edits(subject, last))
         return _answer(lab, first, last, _merged(edits), accuracy)
 
@@ -92,60 +95,85 @@ def finding_of(lab: Laboratory, accuracy: float) -> Finding:
     try:
         run = lab.lammps()
     except RunBroken as error:
-        if (rescue := _rescue(lab, str(error))) is None:
-            law = LawAnswer(outcome=Outcome.BROKEN, sentence=_broken(lab, str(error)))
-            return Finding(law=law, step=replace(nothing, outcome=Outcome.BROKEN), version=_version(lab))
-        factor, run = rescue, lab.lammps(rescue)
+        lost = _finer_runs(lab, str(error))
+        if lost.factor is None:
+            broken = replace(nothing, outcome=Outcome.BROKEN)
+            return Finding(law=_broken(lab, str(error), lost.tried), step=broken, version=_version(lab))
+        factor, run = lost.factor, lab.lammps(lost.factor)
     if lab.scene is None:
         law = LawAnswer(outcome=Outcome.UNDECIDED, sentence=f"{_why_unread(lab.subject)}.")
-        return Finding(law=law, step=_alone(lab, accuracy, run.finite), version=run.version)
+        return Finding(law=law, step=_alone(lab, accuracy, run.finite, factor), version=run.version)
     try:
         _ = lab.reference
     except UnsupportedScene as error:
         law = LawAnswer(outcome=Outcome.UNDECIDED, sentence=f"{error}.")
-        return Finding(law=law, step=_alone(lab, accuracy, run.finite), version=run.version)
+        return Finding(law=law, step=_alone(lab, accuracy, run.finite, factor), version=run.version)
     if lab.problem:
-        law = law_by_steps(lab)
-        return Finding(law=law, step=_alone(lab, accuracy, run.finite), version=run.version)
+        law = law_by_steps(lab, factor)
+        return Finding(law=law, step=_alone(lab, accuracy, run.finite, factor), version=run.version)
     law = law_of(lab, factor)
     step = step_of(lab, accuracy, law_is_right=law.outcome is Outcome.PASS, lost=factor > 1)
     return Finding(law=law, step=step, version=run.version)
 
 
-def _alone(lab: Laboratory, accuracy: float, finite: bool) -> StepAnswer:
+def _alone(lab: Laboratory, accuracy: float, finite: bool, base: int) -> StepAnswer:
     """Return the answer on the step by LAMMPS alone, or why there is none."""
-    unknown = StepAnswer(dt=lab.subject.deck.dt, accuracy=accuracy)
+    unknown = StepAnswer(dt=lab.subject.deck.dt, accuracy=accuracy, unit=lab.subject.time_unit)
     if not finite:
         return replace(unknown, why="velocities of LAMMPS are not numbers")
     try:
-        return step_by_lammps(lab, accuracy)
+        return step_by_lammps(lab, accuracy, base)
     except (UsageError, RunBroken) as error:
         return replace(unknown, why=f"finer steps cannot be tried: {error}")
 
 
-def _rescue(lab: Laboratory, message: str) -> int | None:
-    """Return by what steps must be divided so that LAMMPS loses no body; None if its steps are not the reason."""
-    dt = lab.subject.deck.dt
-    if not _MESSAGES_ON_LOST_BODIES.search(message) or lab.problem or dt is None:
-        return None
-    limit = lab.prescan
-    if limit is None or limit.frequency * dt / 2.0 < _LEAST_UNSTABLE_ERROR:
-        return None
+@dataclass(frozen=True, kw_only=True)
+class Rescue:
+    """What finer runs show of a body that is lost."""
+
+    factor: int | None = None
+    """By what steps must be divided so that no body is lost; None if this was not found."""
+    tried: int = 0
+    """The finest run that lost a body, too, as a factor; 0 if none was made."""
+
+
+def _finer_runs(lab: Laboratory, message: str) -> Rescue:
+    """Run LAMMPS with finer steps, which show whether the step is the reason why it lost a body."""
+    if not _MESSAGES_ON_LOST_BODIES.search(message):
+        return Rescue()
+    dt, state, tried = lab.subject.deck.dt, lab.subject.deck.state, 0
+    work = state.steps * max(1, len(state.particles.atoms))
+    frequency = 0.0 if lab.prescan is None else lab.prescan.frequency
     for factor in _FACTORS_OF_RESCUE:
+        if tried and factor * work > _MOST_STEPS_TIMES_BODIES:
+            break
         try:
             lab.lammps(factor)
-        except (RunBroken, UsageError):
-            continue
-        return factor
-    return None
+        except RunBroken:
+            tried = factor
+        except UsageError:
+            break
+        else:
+            return Rescue(factor=factor)
+        if dt is not None and 0.0 < 0.5 * frequency * dt / factor < _STEP_THAT_LOSES_NO_BODY:
+            break  # so fine a step loses no body
+    return Rescue(tried=tried)
 
 
-def _broken(lab: Laboratory, message: str) -> str:
+def _broken(lab: Laboratory, message: str, tried: int) -> LawAnswer:
     """Return what LAMMPS said, and what that may mean."""
-    hint = ""
-    if _MESSAGES_ON_LOST_BODIES.search(message) and lab.subject.deck.last("boundary") is not None:
-        hint = "; the step is not the reason: a body leaves the box (`boundary m m m` lets the box follow)"
-    return f"LAMMPS stopped: {message.removeprefix('LAMMPS: ')}{hint}."
+    hint, cause = "", ""
+    if tried and "cutoff" in message:
+        hint = f"; steps {tried} times shorter do not help: the table does not begin at a small enough distance"
+    elif tried:
+        box = lab.subject.deck.last("boundary")
+        hint = f"; with steps {tried} times shorter, too: a body leaves the box"
+        if box is not None and "f" in "".join(box.rest):
+            hint, cause = f"{hint} (`boundary m m m` lets the box follow)", "box"
+    elif _MESSAGES_ON_LOST_BODIES.search(message):
+        hint = "; a run with finer steps, which would show whether the step is the reason, cannot be made"
+    said = re.sub(r" For more information see \S+", "", message.removeprefix("LAMMPS: "))
+    return LawAnswer(outcome=Outcome.BROKEN, sentence=f"LAMMPS stopped: {said}{hint}.", cause=cause)
 
 
 def _version(lab: Laboratory) -> int:
@@ -172,6 +200,8 @@ def edits_of_law(subject: Subject, finding: Finding) -> tuple[Edit, ...]:
                 new = defect.mended(new)
             if law.cause == "missed contacts" and raw.split()[:1] == ["neigh_modify"]:
                 new = _NEIGHBOUR_LIST_COMMAND
+            if law.cause == "box" and raw.split()[:1] == ["boundary"]:
+                new = raw.replace("f", "m")
             if new != raw:
                 edits[file, line] = Edit(file=file, line=line, new=new.strip())
     if law.cause == "mixing" and subject.deck.read is not None:
@@ -242,6 +272,7 @@ def _answer(lab: Laboratory, first: Finding, last: Finding, edits: tuple[Edit, .
         notes=tuple(_notes(lab, last is not first)),
         text=text,
         corrected=applied(originals, edits) if edits else {},
+        companions=subject.companions() if edits else {},
         pictures=_pictures(lab, first),
     )
 
@@ -258,6 +289,7 @@ def _title(lab: Laboratory) -> str:
 def _why_unread(subject: Subject) -> str:
     """Return in words why a script has no scene: the first line that is not supported, and how many more there are."""
     problems = [short_problem(problem) for problem in subject.deck.problems]
+    problems.sort(key=lambda text: "`pair_" not in text)  # forces that are not known come first
     if not problems:
         return "the script has no run, and nothing moves at its start"
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
@@ -289,7 +321,12 @@ def _notes(lab: Laboratory, mended: bool) -> list[str]:
     notes += [f"Without effect on the scene: {short_problem(problem)}." for problem in subject.deck.overlooked]
     if lab.scene is None:
         notes.append("The law was not checked; the step by runs of LAMMPS at the step, a half and a quarter of it.")
-    else:
+    elif lab.resolves:
+        notes.append(
+            "Errors are the largest of the whole run: while forces act, no velocity changes by more than about 2 % of"
+            " the largest between two samples."
+        )
+    if lab.scene is not None:
         notes.append(
             "Errors are those of velocities, largest over all bodies and samples, relative to the largest velocity of"
             " the reference. The law is LAMMPS minus our velocity-Verlet code at the same step."
@@ -307,8 +344,9 @@ def _pictures(lab: Laboratory, finding: Finding) -> Pictures | None:
         run, reference = lab.lammps(), lab.reference
         if not run.finite:
             return None
-        rows = min(len(run.velocity), len(reference.time))
-        error = (run.velocity[:rows] - reference.values["velocity"][:rows, list(run.bodies)]) / lab.speed
+        exact = lab.exact(lab.times)
+        rows = min(len(run.velocity), len(exact))
+        error = (run.velocity[:rows] - exact[:rows, list(run.bodies)]) / lab.speed
     except DemBridgeError:
         return None
     if not np.all(np.isfinite(error)):
@@ -321,4 +359,4 @@ def _pictures(lab: Laboratory, finding: Finding) -> Pictures | None:
         round_off = float(np.max(np.abs(lab.twin(deck.dt, deck.radius) - lab.twin(deck.dt)))) / lab.speed
         sources.append(("round-off", round_off))
     sources.append(("time step", lab.twin_error(deck.dt)[1]))
-    return Pictures(time=reference.time[:rows], error=error, sources=tuple(sources))
+    return Pictures(time=lab.times[:rows], error=error, sources=tuple(sources))

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from dem_bridge.errors import DemBridgeError, UsageError
-from dem_bridge.judging.check.laboratory import Laboratory, LammpsRun
+from dem_bridge.judging.check.laboratory import Laboratory
+from dem_bridge.judging.check.lammps_run import LammpsRun
 from dem_bridge.judging.check.words import number, release, share
 from dem_bridge.judging.deck import UserDeck
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.mixing import mixing_warning
 from dem_bridge.observables.verdict import Outcome
+from dem_bridge.physics.impact import alpha_of_tsuji, restitution_of_alpha
 
 #: relative difference of LAMMPS from our code at the same step that only round-off explains, and the multiple of what a
 #: particle radius changes that counts as round-off, too
@@ -123,16 +125,19 @@ def _resolving(lab: Laboratory, dt: float) -> int:
     return max(1, math.ceil(dt * lab.prescan.frequency / (2.0 * _LARGEST_STEP_OF_LIMIT)))
 
 
-def law_by_steps(lab: Laboratory) -> LawAnswer:
-    """Return the answer on the law by LAMMPS at finer and finer steps against the reference, without our code."""
-    run = lab.lammps()
+def law_by_steps(lab: Laboratory, base: int = 1) -> LawAnswer:
+    """Return the answer on the law by LAMMPS at finer and finer steps against the reference, without our code.
+
+    ``base``: the coarsest of these runs has steps so many times shorter than those of the script.
+    """
+    run = lab.lammps(base)
     if not run.finite:
         return _wrong(lab, run, math.inf)
     name = law_name(lab.subject.deck)
     try:
-        errors = [lab.error(lab.lammps(factor).velocity) for factor in (1, 2, _FACTOR_OF_FINER_STEPS)]
+        errors = [lab.error(lab.lammps(factor * base)) for factor in (1, 2, _FACTOR_OF_FINER_STEPS)]
     except UsageError as error:
-        return _unsure(name, lab.error(run.velocity), LARGEST_ROUNDOFF, str(error))
+        return _unsure(name, lab.error(run), LARGEST_ROUNDOFF, str(error))
     if errors[2] <= max(_LARGEST_SHARE_LEFT * errors[0], LARGEST_ROUNDOFF):
         sizes = ", ".join(map(share, errors))
         said = f"{name}: LAMMPS nears the reference with the step, {sizes} away at 1, 1/2 and 1/4 of it."
@@ -151,7 +156,7 @@ def _difference(lab: Laboratory, run: LammpsRun, dt: float) -> tuple[float, floa
         apart = np.abs(run.velocity[:rows] - positional[:rows, columns])
         round_off = float(np.max(np.abs(positional - plain))) / lab.speed
         nearest = min(float(np.max(apart)), float(np.max(np.abs(run.velocity[:rows] - plain[:rows, columns]))))
-    difference = nearest / lab.speed
+    difference = max(nearest, lab.apart_while_active(run, dt, radius)) / lab.speed
     return difference if math.isfinite(difference) else math.inf, max(
         LARGEST_ROUNDOFF, _MULTIPLE_OF_RADIUS_CHANGE * round_off
     )
@@ -171,7 +176,7 @@ def _wrong(lab: Laboratory, run: LammpsRun, difference: float) -> LawAnswer:
     cause, why = "unknown", "the cause is not known; judge the script with the scene that you mean"
     defects = engine_of(deck, run.version, Outcome.FAIL).defects
     if defects:
-        cause, why = defects[0].name, f"known defect {defects[0].name}: {defects[0].symptom}"
+        cause, why = defects[0].name, f"known defect {defects[0].name}: {_restitution(lab)}{defects[0].symptom}"
     elif deck.overlooked or run.dangerous:
         cause = "missed contacts"
         why = "contacts are missed between rebuilds of the neighbour list"
@@ -183,6 +188,17 @@ def _wrong(lab: Laboratory, run: LammpsRun, difference: float) -> LawAnswer:
     elif not math.isinf(difference):
         cause, why = cause_by_judge(lab)
     return LawAnswer(outcome=Outcome.FAIL, sentence=f"{name}: {size}; {why}.", difference=difference, cause=cause)
+
+
+def _restitution(lab: Laboratory) -> str:
+    """Return which restitution is asked for and which is obtained, for the first contact of ``damping tsuji``."""
+    damping = None if lab.scene is None else lab.scene.damping
+    if damping is None or damping.law != "tsuji":
+        return ""
+    asked = float(np.atleast_1d(damping.coefficient)[0])
+    n = float(lab.scene.contacts.exponent[0]) if lab.scene is not None else 2.5
+    obtained = restitution_of_alpha(alpha_of_tsuji(asked) / math.sqrt(2.0), clip=bool(damping.clip), exponent=n)
+    return f"you ask for e = {asked:g} and get {obtained:.3f}; "
 
 
 def cause_by_judge(lab: Laboratory) -> tuple[str, str]:

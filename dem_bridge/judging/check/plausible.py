@@ -23,7 +23,7 @@ LARGEST_STEP_OF_CONTACT_TIME = 0.05
 DENSITIES_KG_PER_M3, MODULI_PA = (1.0, 23_000.0), (1e3, 1.3e12)
 #: relative difference of a mixed stiffness from that of two springs in series that is worth a look
 LARGEST_DIFFERENCE_OF_MIXING = 0.05
-#: part of the largest velocity below which a body has not moved
+#: part of the largest velocity below which a body has not moved; overlaps go as its power 2/n
 SHARE_OF_SPEED_AT_REST = 1e-6
 #: marks a deck whose radius this program chose
 _SURROGATE = "surrogate radius"
@@ -87,7 +87,7 @@ def _of_contacts(lab: Laboratory, scene: Scene, physical: bool) -> Iterator[Plau
             look=look,
             sentence=text + more,
         )
-    contact = contact_time_of(scene)
+    contact, unit = contact_time_of(scene), lab.subject.time_unit
     if contact and deck.dt:
         part = deck.dt / contact
         yield Plausibility(
@@ -95,7 +95,7 @@ def _of_contacts(lab: Laboratory, scene: Scene, physical: bool) -> Iterator[Plau
             value=part,
             usual=f"up to {share(LARGEST_STEP_OF_CONTACT_TIME)} of the shortest contact",
             look=part > LARGEST_STEP_OF_CONTACT_TIME,
-            sentence=f"the step is {share(part)} of the shortest contact time, {number(contact)} s",
+            sentence=f"the step is {_multiple(part)} the shortest contact time, {number(contact)} {unit}",
         )
     if physical and any(n == 2.0 for n in scene.contacts.exponent):
         text = "hooke: the force is proportional to the overlap; that of spheres goes as its power 3/2 (hertz)"
@@ -104,6 +104,17 @@ def _of_contacts(lab: Laboratory, scene: Scene, physical: bool) -> Iterator[Plau
     if damping is not None and not damping.clip and damping.law in ("dashpot", "mass_velocity"):
         text = "damping without limit_damping pulls when a contact opens"
         yield Plausibility(name="tension", value=math.nan, usual="limit_damping", look=True, sentence=text)
+
+
+def _multiple(part: float) -> str:
+    """Return a step as a part of a time, or as a multiple of it.
+
+    Examples
+    --------
+    >>> _multiple(0.017), _multiple(1.66)
+    ('1.7 % of', '1.7 times')
+    """
+    return f"{share(part)} of" if part <= 1.0 else f"{part:.2g} times"
 
 
 def _of_start(deck: UserDeck, scene: Scene, physical: bool) -> Iterator[Plausibility]:
@@ -118,13 +129,21 @@ def _of_start(deck: UserDeck, scene: Scene, physical: bool) -> Iterator[Plausibi
 
 
 def _of_end(lab: Laboratory, scene: Scene) -> Iterator[Plausibility]:
-    if lab.problem or scene.n_body < 3 or scene.gravity or scene.precompression:
+    if scene.n_body < 3 or scene.gravity or scene.precompression or scene.drive or lab.prescan is None:
         return
-    velocity = lab.reference.values["velocity"]
-    moved = np.max(np.abs(velocity - velocity[0]), axis=0) > SHARE_OF_SPEED_AT_REST * lab.speed
-    if moved.any() and not moved.all():
+    # a body moves if it does at the start or if one of its contacts closes, whatever the samples show
+    peak, c = lab.prescan.peak_overlap, scene.contacts
+    closed = peak > SHARE_OF_SPEED_AT_REST ** (2.0 / c.exponent) * float(np.max(peak, initial=0.0))
+    moved = np.append(np.array(scene.velocity) != 0.0, True)
+    moved[c.left[closed]] = moved[c.right[closed]] = True
+    moved = moved[:-1]
+    walls = np.maximum(c.left, c.right) >= scene.n_body
+    if closed.any() and np.any(walls & (peak == 0.0)):
+        text = "a wall is never touched" if np.sum(walls) == 1 else "one of the walls is never touched"
+        yield Plausibility(name="wall", value=0.0, usual="1 or more contacts", look=True, sentence=text)
+    if not moved.all() and closed.any():
         rest = f"{int(np.sum(~moved))} of {scene.n_body} bodies"
-        text = f"{rest} have not moved when the run ends ({number(lab.times[-1])} s)"
+        text = f"{rest} have not moved when the run ends ({number(scene.duration)} {lab.subject.time_unit})"
         yield Plausibility(
             name="end", value=float(np.mean(moved)), usual="all", look=bool(not moved[-1]), sentence=text
         )

@@ -54,7 +54,6 @@ class CheckStudy(Study):
             "schema": "dem-bridge/check/1",
             "file": self.check.name,
             **self.check.as_json(),
-            "notes": list(self.notes),
             "provenance": dict(self.provenance),
         }
 
@@ -82,7 +81,8 @@ def check_study(check: Check) -> Study:
             "lammps": check.engine_answer.version,
             "versions": versions_of("dem-bridge", "numpy", "scipy", "numba"),
         },
-        files={name: partial(str, text) for name, text in corrected.items()},
+        files={name: partial(str, text) for name, text in corrected.items()}
+        | {f"corrected/{name}": partial(bytes, body) for name, body in check.companions.items()},
         check=check,
     )
 

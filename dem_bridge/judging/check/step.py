@@ -13,8 +13,6 @@ from dem_bridge.judging.check.laboratory import Laboratory
 from dem_bridge.judging.check.words import number, share
 from dem_bridge.judging.step import StepError
 from dem_bridge.observables.verdict import Outcome, judge
-from dem_bridge.scene.timescales import contact_time_of
-from dem_bridge.trajectory.trajectory import Floats
 
 #: part of the accuracy that a step by LAMMPS alone aims at; steps finer than one to write by these factors must serve,
 #: too
@@ -52,9 +50,11 @@ class StepAnswer:
     confirmed: float = math.nan
     """Error of LAMMPS with the lines to write; nan where it was not run."""
     limit: float = math.nan
-    """Stability limit 2/omega of the stiffest contact, s."""
-    contact: float = math.nan
-    """Shortest contact time, s."""
+    """Largest stable step, s."""
+    unit: str = "s"
+    """Unit of time in words."""
+    order: float = 2.0
+    """Order of the error in the step."""
     outcome: Outcome = Outcome.UNDECIDED
     why: str = ""
     """Why the step is undecided, or further words."""
@@ -67,12 +67,12 @@ class StepAnswer:
     @property
     def step(self) -> str:
         """The step in words."""
-        return f"{number(self.dt)} s" if self.dt else "the time steps"
+        return f"{number(self.dt)} {self.unit}" if self.dt else "the time steps"
 
     @property
     def sentence(self) -> str:
         """The answer in a sentence with numbers."""
-        return "; ".join(part for part in (self._first(), self._shares(), self._others()) if part) + "."
+        return "; ".join(part for part in (self._first(), self._others()) if part) + "."
 
     @property
     def headline(self) -> str:
@@ -91,15 +91,9 @@ class StepAnswer:
             return self.why or f"at {self.step} no error is seen"
         return f"{self.headline}, {share(self.accuracy)} allowed"
 
-    def _shares(self) -> str:
-        if not self.dt or not self.contact > 0.0:
-            return ""
-        ratio = self.contact / self.dt
-        return f"1/{ratio:.0f} of the shortest contact" if ratio >= 1.5 else f"{1 / ratio:.2g} shortest contacts"
-
     def _others(self) -> str:
-        told = [f"{number(step)} s gives {share(a)}" for a, step in self.largest.items() if step > 0.0]
-        limit = [f"above {number(self.limit)} s (2/omega) bodies are lost"] if self.limit > 0.0 else []
+        told = [f"{number(step)} {self.unit} gives {share(a)}" for a, step in self.largest.items() if step > 0.0]
+        limit = [f"unstable above {number(self.limit)} {self.unit}"] if self.limit > 0.0 else []
         return ", ".join((*told, *limit))
 
 
@@ -108,55 +102,66 @@ def step_of(lab: Laboratory, accuracy: float, *, law_is_right: bool, lost: bool)
 
     ``lost``: LAMMPS lost bodies at this step.
     """
-    dt, scene, prescan = lab.subject.deck.dt, lab.scene, lab.prescan
+    dt = lab.subject.deck.dt
     assert dt is not None  # see ``Laboratory.problem``
-    assert scene is not None
     lab.say("largest steps")
     curve = lab.predicted(dt, (accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * accuracy)) or StepError(
         dt=dt, stated=True, curve=((dt, 0.0),)
     )
-    now = math.inf if lost else lab.error(lab.lammps().velocity) if law_is_right else curve.error
+    now = math.inf if lost else lab.error(lab.lammps()) if law_is_right else curve.error
     answer = StepAnswer(
         dt=dt,
         accuracy=accuracy,
         error=now,
         uncertainty=lab.reference.uncertainty["velocity"] / lab.speed,
         scale=lab.speed,
-        contact=contact_time_of(scene) or math.nan,
-        limit=2.0 / prescan.frequency if prescan is not None and prescan.frequency > 0.0 else math.nan,
+        limit=lab.limit,
+        unit=lab.subject.time_unit,
     )
     if now < _LARGEST_ROUNDOFF and curve.error < _LARGEST_ROUNDOFF:
-        why = f"no step is seen at {number(dt)} s: the velocities do not depend on it"
+        why = f"no step is seen at {answer.step}: the velocities do not depend on it"
         return replace(answer, outcome=Outcome.PASS if law_is_right else Outcome.UNDECIDED, why=why)
+    # a step beyond the limit of stability, or longer than the run, is none
+    most = min((value for value in (answer.limit, float(lab.times[-1])) if value > 0.0), default=math.inf)
     answer = replace(
-        answer, largest={a: curve.largest_for(a) for a in (accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * accuracy)}
+        answer, largest={a: min(curve.largest_for(a), most) for a in (accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * accuracy)}
     )
     outcome = Outcome.FAIL if lost else judge(now, answer.uncertainty, accuracy)
     if outcome is Outcome.UNDECIDED:
         asked = f"{share(accuracy)} is asked"
         why = f"the reference is uncertain by {share(answer.uncertainty)} of the largest velocity, {asked}"
         return replace(answer, outcome=outcome, why=why)
+    if outcome is Outcome.PASS and (missed := _missed(lab, answer)):
+        return replace(answer, outcome=Outcome.UNDECIDED, why=missed)
     by_chance = max((error for step, error in curve.curve if step < dt), default=0.0)
     if outcome is Outcome.PASS and by_chance <= accuracy:
         return replace(answer, outcome=outcome)
     why = f"its error is small by chance: finer steps err by {share(by_chance)}" if outcome is Outcome.PASS else ""
     largest = curve.largest_for(accuracy)
     if math.isnan(largest):  # runs with so fine a step were too long to be tried
-        largest = min(dt, answer.limit) * _FIRST_STEP_OF_LIMIT
+        largest = min(dt, most) * _FIRST_STEP_OF_LIMIT
     factor, confirmed = _factor(lab, largest, accuracy, confirm=law_is_right)
     if factor == 0:
         why = f"no step was found that gives {share(accuracy)}"
     return replace(answer, outcome=Outcome.FAIL, factor=factor, confirmed=confirmed, why=why)
 
 
+def _missed(lab: Laboratory, answer: StepAnswer) -> str:
+    """Return why the error may be larger than at the samples; '' if they resolve the run, or leave a factor of two."""
+    if lab.resolves or 2.0 * answer.error <= answer.accuracy:
+        return ""
+    size = f"the error is {share(answer.error)} at the samples"
+    return f"{size}, and the run is so long that larger ones may be between them: check a shorter run"
+
+
 def _factor(lab: Laboratory, largest: float, accuracy: float, *, confirm: bool) -> tuple[int, float]:
     """Return by what to divide the steps, and the error of LAMMPS then; 0 if none serves."""
-    dt, state = lab.subject.deck.dt, lab.subject.deck.state
+    dt = lab.subject.deck.dt
     assert dt is not None  # see ``Laboratory.problem``
     least, runs = (dt / largest if largest > 0.0 else 2.0), 0
     for _ in range(_MOST_FACTORS_TRIED):
         factor = tidy_factor(dt, max(least, 2.0))
-        if factor * state.steps * len(state.particles.atoms) > _MOST_STEPS_TIMES_BODIES:
+        if factor * _work(lab) > _MOST_STEPS_TIMES_BODIES:
             break
         finer = (lab.predicted(dt / (factor * part)) for part in _FACTORS_THAT_MUST_SERVE)
         if all(curve is not None and curve.error <= accuracy for curve in finer):
@@ -170,6 +175,11 @@ def _factor(lab: Laboratory, largest: float, accuracy: float, *, confirm: bool) 
     return 0, math.nan
 
 
+def _work(lab: Laboratory) -> int:
+    """Return the steps times bodies of one run of the script."""
+    return lab.subject.deck.state.steps * len(lab.subject.deck.state.particles.atoms)
+
+
 def _confirmed(lab: Laboratory, factor: int) -> float:
     """Return the error of LAMMPS with steps so many times shorter; nan if the steps of the script cannot be changed."""
     try:
@@ -179,43 +189,64 @@ def _confirmed(lab: Laboratory, factor: int) -> float:
 
 
 # ---------------------------------------------------------------- by LAMMPS alone
-def step_by_lammps(lab: Laboratory, accuracy: float) -> StepAnswer:
-    """Return the answer on the step by runs of LAMMPS at the step, a half and a quarter of it; no scene is needed."""
+def step_by_lammps(lab: Laboratory, accuracy: float, base: int = 1) -> StepAnswer:
+    """Return the answer on the step by runs of LAMMPS at the step, a half and a quarter of it; no scene is needed.
+
+    ``base``: the first of these runs has steps so many times shorter, because LAMMPS loses bodies at those of the
+    script.
+    """
     dt = lab.subject.deck.dt
-    first, second, third = (lab.lammps(factor).velocity for factor in (1, 2, 4))
-    answer = StepAnswer(dt=dt, accuracy=accuracy, scale=float(np.max(np.abs(third))))
-    coarse, fine = _apart(first, second, answer.scale), _apart(second, third, answer.scale)
-    if not (math.isfinite(coarse) and answer.scale > 0.0):
+    first, second, third = (lab.lammps(factor * base) for factor in (1, 2, 4))
+    scale = float(np.max(np.abs(third.velocity)))
+    answer = StepAnswer(dt=dt, accuracy=accuracy, scale=scale, unit=lab.subject.time_unit)
+    if not (np.all(np.isfinite(third.velocity)) and scale > 0.0):
         return replace(answer, why="velocities of LAMMPS are not numbers, or nothing moves")
-    if fine < _LARGEST_ROUNDOFF:
-        return replace(answer, error=coarse, uncertainty=fine, outcome=judge(coarse, fine, accuracy))
+    if np.all(third.velocity == third.velocity[0]) and np.all(third.active == third.velocity[0]):
+        return replace(answer, why="no velocity changes during the run, so no step is tested")
+    coarse, fine = first.apart(second) / scale, second.apart(third) / scale
+    if not math.isfinite(coarse):
+        return replace(answer, why="velocities of LAMMPS are not numbers")
+    answer = (
+        _by_order(answer, coarse, fine)
+        if fine >= _LARGEST_ROUNDOFF
+        else replace(answer, error=coarse, uncertainty=fine)
+    )
+    order, error = answer.order, answer.error
+    largest = {a: (dt or math.nan) / base * (a / error) ** (1.0 / order) for a in answer.largest}
+    outcome = Outcome.UNDECIDED if answer.why else judge(error, answer.uncertainty, accuracy)
+    answer = replace(answer, largest=largest, outcome=outcome)
+    if base == 1 and outcome is Outcome.PASS and (missed := _missed(lab, answer)):
+        return replace(answer, outcome=Outcome.UNDECIDED, why=missed)
+    if base > 1:
+        answer = replace(answer, error=math.inf, outcome=Outcome.FAIL, why="")
+        if outcome is Outcome.PASS:
+            return replace(answer, factor=base, confirmed=error)
+    if answer.outcome is not Outcome.FAIL:
+        return answer
+    least = base * (error / (_SHARE_OF_ACCURACY_AIMED_AT * accuracy)) ** (1.0 / order)
+    for _ in range(_MOST_CONFIRMING_RUNS):
+        factor = tidy_factor(dt or 1.0, max(least, 2.0))
+        if factor * _work(lab) > _MOST_STEPS_TIMES_BODIES:
+            break
+        apart = lab.lammps(factor).apart(lab.lammps(2 * factor)) / scale
+        if (left := _of_difference(apart, order)) <= accuracy:
+            return replace(answer, factor=factor, confirmed=left)
+        least = 1.5 * factor
+    return replace(answer, factor=0, why=f"no step was found that gives {share(accuracy)}")
+
+
+def _by_order(answer: StepAnswer, coarse: float, fine: float) -> StepAnswer:
+    """Return error and uncertainty by the differences of runs at a step, a half and a quarter of it."""
     ratio = coarse / fine
-    if ratio < _LEAST_CONVERGING_RATIO and coarse > _SHARE_OF_ACCURACY_TOLD_TOO * accuracy:
+    if ratio < _LEAST_CONVERGING_RATIO and coarse > _SHARE_OF_ACCURACY_TOLD_TOO * answer.accuracy:
         sizes = f"{share(coarse)} and {share(fine)} of the largest velocity"
         why = f"runs at halved steps differ by {sizes}: no order is seen"
         return replace(answer, error=coarse, uncertainty=coarse, why=why)
     order = min(max(math.log2(ratio), 0.5), 2.0)
     error = _of_difference(coarse, order)
-    answer = replace(
-        answer,
-        error=error,
-        uncertainty=abs(error - _of_difference(coarse, max(0.7 * order, 0.5))) + _LARGEST_ROUNDOFF,
-        largest={
-            a: (dt or math.nan) * (a / error) ** (1.0 / order)
-            for a in (accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * accuracy)
-        },
-    )
-    outcome = judge(error, answer.uncertainty, accuracy)
-    if outcome is not Outcome.FAIL:
-        return replace(answer, outcome=outcome)
-    least = (error / (_SHARE_OF_ACCURACY_AIMED_AT * accuracy)) ** (1.0 / order)
-    for _ in range(_MOST_CONFIRMING_RUNS):
-        factor = tidy_factor(dt or 1.0, max(least, 2.0))
-        apart = _apart(lab.lammps(factor).velocity, lab.lammps(2 * factor).velocity, answer.scale)
-        if (left := _of_difference(apart, order)) <= accuracy:
-            return replace(answer, outcome=outcome, factor=factor, confirmed=left)
-        least = 1.5 * factor
-    return replace(answer, outcome=outcome, factor=0, why=f"no step was found that gives {share(accuracy)}")
+    bound = abs(error - _of_difference(coarse, max(0.7 * order, 0.5))) + _LARGEST_ROUNDOFF
+    largest = dict.fromkeys((answer.accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * answer.accuracy), math.nan)
+    return replace(answer, error=error, uncertainty=bound, largest=largest, order=order)
 
 
 def _of_difference(difference: float, order: float) -> float:
@@ -227,10 +258,3 @@ def _of_difference(difference: float, order: float) -> float:
     0.004
     """
     return float(difference / (1.0 - 2.0**-order))
-
-
-def _apart(one: Floats, other: Floats, scale: float) -> float:
-    """Return the largest difference of the velocities of two runs relative to the largest velocity."""
-    rows = min(len(one), len(other))
-    with np.errstate(all="ignore"):
-        return float(np.max(np.abs(one[:rows] - other[:rows]))) / scale

@@ -13,9 +13,9 @@ from dem_bridge.backends.base import Resolution, Sampling, unsupported_reason
 from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import SceneError, UnsupportedScene, UsageError
-from dem_bridge.foundation.files import text_of_file
+from dem_bridge.foundation.files import MOST_BYTES, text_of_file
 from dem_bridge.judging.check.edits import Edit, applied, finer, keeps_duration, only_steps
-from dem_bridge.judging.deck import UserDeck, is_deck, user_deck
+from dem_bridge.judging.deck import UserDeck, is_deck, named_paths, user_deck
 from dem_bridge.lmp.process import workspace
 from dem_bridge.lmp.reader.deck import UNITS
 from dem_bridge.scene.file import scene_of
@@ -24,6 +24,10 @@ from dem_bridge.scene.timescales import contact_time_of, samples_of
 
 #: contact times that a front needs for one body, and those after the last one, where a script has no run
 _CONTACT_TIMES_PER_BODY, _CONTACT_TIMES_AFTER = 1.0, 2.0
+#: units of time of the unit styles whose times are not told in s
+_TIME_UNITS = {"lj": "tau", "metal": "ps", "real": "fs", "electron": "fs"}
+#: commands that read files
+_COMMANDS_THAT_READ = ("read_data", "read_restart", "pair_coeff", "variable", "fix", "molecule", "region", "include")
 #: steps of a contact time of the deck of a scene for which no step was given: the rule of thumb of DEM codes
 STEPS_OF_CONTACT = 50.0
 
@@ -49,6 +53,20 @@ class Subject:
     def unit(self) -> float:
         """Unit of time of the script, s."""
         return UNITS.get(self.deck.state.units, (1.0, 1.0, 1.0))[1]
+
+    @property
+    def time_unit(self) -> str:
+        """Unit in which times are told."""
+        units = self.deck.last("units")
+        return _TIME_UNITS.get(units.rest[0] if units is not None and units.rest else "lj", "s")
+
+    def companions(self) -> dict[str, bytes]:
+        """Return the other files that the script reads in its folder, such as a data file, by name."""
+        words = {word for command in self.deck.commands if command.name in _COMMANDS_THAT_READ for word in command.rest}
+        names = sorted((named_paths(self.deck) & words) - {*self.texts()})
+        paths = {name: self.path.parent / name for name in names}
+        fit = (name for name, path in paths.items() if path.is_file() and path.stat().st_size <= MOST_BYTES)
+        return {name: paths[name].read_bytes() for name in fit}
 
     def texts(self) -> dict[str, str]:
         """Return the texts of the script and of the files that it includes, by name."""
@@ -101,7 +119,10 @@ def subject_of(
             problem = "the file is neither a LAMMPS input script nor a scene file (.toml)"
             raise SceneError("", problem=problem, allowed="one of these, or the name of a scene", where=str(file))
         if dt is not None:
-            raise UsageError(f"{file} is an input script, which has its own time step; leave out --dt {dt:g}")
+            raise UsageError(
+                f"{file} is an input script, which has its own time step; leave out --dt {dt:g}, or write the step as a"
+                " variable and give it by --var"
+            )
         yield _script(path, variables)
         return
     if variables:

@@ -210,8 +210,8 @@ def _at_rest(command: Command, atom: Particle, forces: Forces, axis: int) -> boo
                 raise command.error(what, f"forces along {_AXES[axis]}")
         return False
     if any(atom.velocity):
-        why = "held by setforce or freeze" if held else "in no fix nve"
-        problem = f"runs with atom {atom.number}, which is {why} and has a velocity"
+        why = "setforce or freeze holds" if held else "no fix nve moves"
+        problem = f"runs with atom {atom.number}, which {why} although it has a velocity"
         raise command.error(problem, "walls at rest, since a scene has no moving walls")
     if atom.number in forces.moves and any(vector[axis] for vector in acting):
         fix = forces.commands.get("setforce", forces.commands.get("freeze", command))

@@ -16,8 +16,10 @@ from dem_bridge.errors import RunBroken, SceneError, UsageError
 from dem_bridge.judging.check import checked
 from dem_bridge.judging.check.answer import KEYS, MOST_LINES_TO_WRITE, Check
 from dem_bridge.judging.check.edits import Edit
-from dem_bridge.judging.check.laboratory import Laboratory, LammpsRun
+from dem_bridge.judging.check.laboratory import Laboratory
+from dem_bridge.judging.check.lammps_run import LammpsRun
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer, engine_of, law_of
+from dem_bridge.judging.check.plausible import Plausibility
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
 from dem_bridge.judging.check.subject import subject_of
 from dem_bridge.lmp.known_defects import known_defects
@@ -82,11 +84,42 @@ def test_the_json_is_that_of_the_contract() -> None:
     assert data["engine"]["defects"] == []
 
 
-def test_a_terminal_shows_three_lines_to_write_and_counts_the_others() -> None:
-    edits = tuple(Edit(file="in.x", line=n, new=f"run {n}") for n in range(1, 7))
-    lines = list(answer(step=FAIL, edits=edits).lines())
-    assert [text for name, text in lines if name in ("write", "")][-1].endswith("(and 3 more lines: --json)")
-    assert len(lines) == 5 + MOST_LINES_TO_WRITE
+def test_a_terminal_shows_as_many_lines_to_write_as_it_can_and_counts_the_others() -> None:
+    def shown(count: int, **changes: Any) -> list[tuple[str, str]]:
+        edits = tuple(Edit(file="in.x", line=n, new=f"run {n}") for n in range(1, count + 1))
+        return list(answer(step=FAIL, edits=edits, **changes).lines())
+
+    defect = EngineAnswer(version=20250722, defects=known_defects()[:1], bite=True, of_release=7)
+    for count, changes, ending in (
+        (MOST_LINES_TO_WRITE, {}, f"line {MOST_LINES_TO_WRITE} of in.x"),
+        (
+            MOST_LINES_TO_WRITE + 1,
+            {},
+            f"line {MOST_LINES_TO_WRITE + 1} of in.x",
+        ),  # in place of a release without a defect
+        (MOST_LINES_TO_WRITE + 2, {}, "(and 1 more line: --json)"),
+        (MOST_LINES_TO_WRITE + 3, {"engine_answer": defect}, "(and 3 more lines: --json)"),
+    ):
+        lines = shown(count, **changes)
+        assert [text for name, text in lines if name in ("write", "")][-1].endswith(ending)
+        assert len(lines) <= 8
+        assert any(name == "release" for name, _ in lines) == (count <= MOST_LINES_TO_WRITE or bool(changes))
+
+
+def test_a_doubt_on_the_numbers_stands_in_the_first_line() -> None:
+    fields: Any = {"value": 210.0, "usual": "1e3 to 1.3e12 Pa", "look": True}
+    modulus = Plausibility(name="modulus", sentence="a Young's modulus of 210 Pa (are the units right?)", **fields)
+    wall = Plausibility(name="wall", sentence="a wall is never touched", **fields)
+    check = answer(plausible=(modulus, wall))
+    assert (check.outcome, check.exit_code) == ("PASS", 0)
+    assert "but look at the numbers: a Young's modulus of 210 Pa (are the units right?)." in check.headline
+    assert "wall" not in check.headline
+
+
+def test_the_step_of_a_law_that_is_not_checked_changes_velocities() -> None:
+    said = answer(UNDECIDED, PASS).headline
+    assert said.endswith("The step changes velocities by 0.2 % of the largest at 1e-06 s.")
+    assert "wrong" not in said
 
 
 # ---------------------------------------------------------------- laws by runs that are made up

@@ -32,6 +32,7 @@ SOFT = {
     "contact": CONTACT * 1e6**0.4,
     "coefficients": f"pair_coeff * * hertz/material {MODULUS / 1e6:g} 0 0.3 {UNDAMPED}",
 }
+FAR_WALL = f"fix wall all wall/gran granular {BALLS} xplane NULL {20 * RADIUS:g}"
 FAR = "\n".join(f"create_atoms 1 single {2.5 * RADIUS * k:.15g} 0 0 units box" for k in range(5))
 CLOSE = "\n".join(f"create_atoms 1 single {1.99 * RADIUS * k:.15g} 0 0 units box" for k in range(5))
 DASHPOT = f"pair_coeff * * hertz/material {MODULUS:g} 10 {POISSON:g} {NO_FRICTION} damping velocity"
@@ -53,6 +54,8 @@ KINDS = f"set atom 3*5 type 2\nset group all diameter {2 * RADIUS:g}\nset group 
         ("start", {"atoms": CLOSE}, "bodies begin with overlaps of up to 1 % of the radius, which no load holds"),
         ("motion", {"start": ""}, "nothing moves at the start"),
         ("end", {"bodies": 5, "length": 0.5}, "bodies have not moved when the run ends"),
+        ("step", {"per_contact": 0.6, "length": 6.0}, "the step is 1.7 times the shortest contact time"),
+        ("wall", {"more": FAR_WALL}, "a wall is never touched"),
         ("density", {"sizes": f"set group all diameter {2 * RADIUS:g}\nset group all density 7.8e6"}, "7.8e+06 kg/m^3"),
         ("modulus", {"coefficients": f"pair_coeff * * {BALLS.replace('2e+11', '200')}", "run": "run 10"}, "200 Pa"),
         (
