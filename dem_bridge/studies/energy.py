@@ -19,6 +19,8 @@ from dem_bridge.report.columns import PERCENT, SECOND, Column
 from dem_bridge.report.study import FigureData, Series, Study, check_setting
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, map_in_threads
+from dem_bridge.runs.recall import recall
+from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.energy_walk import (
     BEAD,
@@ -114,7 +116,13 @@ def runs_of() -> tuple[Run, ...]:
     )
 
 
-def study_energy(*, contacts: int = 1_000_000, jobs: Jobs = None, progress: Progress | None = None) -> Study:
+def study_energy(
+    *,
+    contacts: int = 1_000_000,
+    jobs: Jobs = None,
+    progress: Progress | None = None,
+    store: Store | None = None,
+) -> Study:
     """Measure the energy error over many contacts against its prediction by backward error analysis.
 
     Three beads between two walls are run by velocity-Verlet, by the method of order 4 at the same number of force
@@ -124,7 +132,7 @@ def study_energy(*, contacts: int = 1_000_000, jobs: Jobs = None, progress: Prog
     ----------
     contacts : int
         Number of contacts of each main run; the further runs have a tenth.
-    jobs, progress : as in :func:`dem_bridge.study`
+    jobs, progress, store : as in :func:`dem_bridge.study`
 
     Returns
     -------
@@ -146,10 +154,12 @@ def study_energy(*, contacts: int = 1_000_000, jobs: Jobs = None, progress: Prog
                 progress(sum(done.values()), math.ceil(sum(item.share for item in todo)), run.label)
 
         count = int(run.share * contacts)
-        return replace(run, walk=long_run(backend(run.code), run.scene, run.resolution, count, tell))
+        solve = lambda: long_run(backend(run.code), run.scene, run.resolution, count, tell)  # noqa: E731
+        how: dict[str, Any] = {"backend": run.code, "resolution": vars(run.resolution), "contacts": count}
+        return replace(run, walk=recall(store, "energy: walk", [], solve, kinds=[Walk], scenes=[run.scene], **how))
 
     runs = map_in_threads(made, todo, jobs)
-    times, measured, predicted = within_contact()
+    times, measured, predicted = recall(store, "energy: within a contact", [], within_contact, scenes=[BOX])
     return TEXTS.study(
         {"step": STEP, "contact": CONTACT, "allowed": ALLOWED},
         answer=tuple(_answer(runs, measured, predicted)),

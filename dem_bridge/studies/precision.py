@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,8 @@ from dem_bridge.report.columns import METRE, SECOND, SPEED, Column
 from dem_bridge.report.study import FigureData, Series, Study
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, map_in_threads
+from dem_bridge.runs.recall import recall
+from dem_bridge.runs.store import Store
 from dem_bridge.scene.file import load_scene, shipped_scenes
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.relative import relative_size
@@ -90,7 +93,13 @@ class Rounded:
         return ROUNDING * self.length / self.dt
 
 
-def study_precision(scene: Scene | None = None, *, jobs: Jobs = None, progress: Progress | None = None) -> Study:
+def study_precision(
+    scene: Scene | None = None,
+    *,
+    jobs: Jobs = None,
+    progress: Progress | None = None,
+    store: Store | None = None,
+) -> Study:
     """Measure the digits of the velocities that LAMMPS' single and mixed precision modes leave.
 
     One scene (decelerating-40, or the one that is given) is also run at larger time steps and compared with the
@@ -100,7 +109,7 @@ def study_precision(scene: Scene | None = None, *, jobs: Jobs = None, progress: 
     ----------
     scene : Scene, optional
         Scene to be solved, of Hertz' contacts without damping, drag and drive. None: every such shipped scene.
-    jobs, progress : as in :func:`dem_bridge.study`
+    jobs, progress, store : as in :func:`dem_bridge.study`
 
     Returns
     -------
@@ -119,7 +128,8 @@ def study_precision(scene: Scene | None = None, *, jobs: Jobs = None, progress: 
     finished: list[str] = []
 
     def measured(item: tuple[Scene, int, bool]) -> list[Rounded]:
-        result = list(errors_of(*item))
+        how: dict[str, Any] = {"kinds": [Rounded], "scenes": [item[0]], "factor": item[1], "with_reference": item[2]}
+        result = recall(store, "precision: errors", [], lambda: list(errors_of(*item)), **how)
         finished.append(item[0].name)
         if progress is not None:
             progress(len(finished), len(work), item[0].name)

@@ -25,6 +25,8 @@ from dem_bridge.report.columns import METRE, Column
 from dem_bridge.report.study import EFFECTS, FigureData, Series, Study
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress
+from dem_bridge.runs.recall import recall
+from dem_bridge.runs.store import Store
 from dem_bridge.studies.engine.impacts import DAMPINGS, WRITTEN, Impact, Steps, catalogue
 from dem_bridge.studies.engine.motion import (
     AND,
@@ -146,6 +148,7 @@ def study_engine(
     jobs: Jobs = None,
     engine: Engine | None = None,
     progress: Progress | None = None,
+    store: Store | None = None,
 ) -> Study:
     """Check every normal law, damping and wall of LAMMPS in one impact each against theory, and name what is wrong.
 
@@ -155,7 +158,7 @@ def study_engine(
         Only impacts whose names contain this text, such as "tsuji" or "hertz-velocity-wall". Without it all are run.
     known_defects : str
         Effect of impacts that are wrong by a known defect of the release on the exit code: "fail" (1) or "ok" (none).
-    engine, jobs, progress : as in :func:`dem_bridge.study`
+    engine, jobs, progress, store : as in :func:`dem_bridge.study`
 
     Returns
     -------
@@ -178,7 +181,10 @@ def study_engine(
         )
     engine = engine or Engine.chosen()
     version = require(engine, "pair granular").version
-    rows = rows_of(impacts, engine, version, jobs=jobs, progress=progress)
+    run = lambda: rows_of(impacts, engine, version, jobs=jobs, progress=progress)  # noqa: E731
+    kinds = (Row, EngineRun, Impact, Exact, Motion, KnownDefect)
+    how: dict[str, Any] = {"kinds": kinds, "engine": engine, "impacts": [impact.name for impact in impacts]}
+    rows = recall(store, "engine: impacts", [], run, **how)
     return study_of(rows, version, known_defects=known_defects)
 
 

@@ -20,6 +20,7 @@ from dem_bridge.physics.touch import touch_coefficient
 from dem_bridge.report.study import FigureData, Series, Study
 from dem_bridge.runs.campaign import Jobs, Progress, run_cases
 from dem_bridge.runs.case import Case
+from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.file import load_scene
 from dem_bridge.scene.scene import Scene
@@ -178,12 +179,15 @@ def study_order(
     velocity = result.trajectory.velocity
     bar = result.trajectory.uncertainty["velocity"] / float(np.max(np.abs(velocity)))
     say(0, 4, "two bodies")
-    pairs = {name: touch.pair_errors(name, exponent, phase) for name, exponent, phase in touch.PAIRS}
-    laws = {exponent: touch.coefficients(exponent) for exponent in LAWS}
+    pairs = recall(store, "order: two bodies", [], _pairs, kinds=[PairErrors])
+    laws = recall(store, "order: coefficients", [], lambda: {law: touch.coefficients(law) for law in LAWS})
     say(1, 4, f"{scene.name}: orders")
-    chains = list(touch.chain_errors(scene))
+    chains = recall(
+        store, "order: chains", [], lambda: list(touch.chain_errors(scene)), kinds=[ChainErrors], scenes=[scene]
+    )
     say(2, 4, f"{scene.name}: tolerances")
-    rows = list(tolerance_rows(scene, sampling, velocity))
+    errors = lambda: list(tolerance_rows(scene, sampling, velocity))  # noqa: E731
+    rows = recall(store, "order: tolerances", [case.key], errors, kinds=[Row], scenes=[scene])
     say(3, 4, f"{scene.name}: condition numbers")
     dissimilar = touch.SIMILAR.unsupported_reason(scene)
     numbers = () if dissimilar else conditions(scene, jobs=jobs, store=store)
@@ -217,6 +221,11 @@ def study_order(
         verdicts=verdicts,
         provenance={"scene": scene.name, "scene_hash": scene.content_hash},
     )
+
+
+def _pairs() -> dict[str, PairErrors]:
+    """Return the errors of two bodies, by the name of their touch."""
+    return {name: touch.pair_errors(name, exponent, phase) for name, exponent, phase in touch.PAIRS}
 
 
 def _pair_row(pair: PairErrors) -> tuple[str | float, ...]:

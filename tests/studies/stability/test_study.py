@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Study
-from dem_bridge.runs.store import Store
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.file import load_scene
 from dem_bridge.scene.scene import Scene
@@ -26,6 +24,7 @@ from dem_bridge.studies.stability import study as stability
 from dem_bridge.studies.stability.points import chain, engine_on, measured, point_of, trap_of
 from dem_bridge.studies.stability.study import study_stability
 from dem_bridge.trajectory.dense import Schedule
+from tests.helpers.counting_store import Counting
 from tests.helpers.driven_chains import SINE
 from tests.helpers.small_stability import small_stability
 
@@ -106,16 +105,6 @@ def test_conservation_does_not_show_what_is_wrong() -> None:
     found = trap_of(whole, lossy, "verlet", 2e-6)
     assert found.momentum == pytest.approx(1e-3, rel=1e-6)
     assert found.kinetic == pytest.approx(2e-3, rel=0.1)
-
-
-class Counting(Store):
-    """A store that counts what was computed: every part of the study that is not read from it is saved."""
-
-    computed = 0
-
-    def save_arrays(self, key: str, arrays: Mapping[str, Any]) -> None:
-        self.computed += 1
-        super().save_arrays(key, arrays)
 
 
 @pytest.mark.lammps
