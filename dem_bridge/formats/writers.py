@@ -9,7 +9,6 @@ uncertainties, cost and provenance.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,13 +27,53 @@ Layout = Literal["long", "wide"]
 
 #: spacing in m of bodies without a geometry; extended XYZ files then say spacing=nominal
 NOMINAL_SPACING = 0.01
-#: the data: formats by file ending, templates, and names and units in headings of CSV files
-DATA = json.loads(Path(__file__).with_name("writers.json").read_text(encoding="utf-8"))
 #: format of each file ending
-SUFFIXES: Mapping[str, str] = MappingProxyType(DATA["formats"])
+SUFFIXES: Mapping[str, str] = MappingProxyType(
+    {
+        ".nc": "nc",
+        ".extxyz": "extxyz",
+        ".xyz": "extxyz",
+        ".lammpstrj": "lammpstrj",
+        ".dump": "lammpstrj",
+        ".csv": "csv",
+        ".traj": "traj",
+    }
+)
 #: start of a file, head of a frame, and line of a body (index from 0 and from 1, radius, mass, x, velocity, net force,
 #: displacement, forces of the left and the right contact); ``!r`` writes all digits
-_TEMPLATES: Mapping[str, tuple[str, str, str]] = DATA["templates"]
+_TEMPLATES: Mapping[str, tuple[str, str, str]] = {
+    "extxyz": (
+        "",
+        (
+            "{scene.n_body}\n"
+            'Lattice="{length!r} 0.0 0.0 0.0 {width!r} 0.0 0.0 0.0 {width!r}" '
+            'Origin="{low!r} -{reach!r} -{reach!r}" pbc="F F F" '
+            "Properties=species:S:1:pos:R:3:velo:R:3:forces:R:3:radius:R:1:mass:R:1:id:I:1:"
+            "displacement:R:1:force_left:R:1:force_right:R:1 "
+            "units=si scene={scene.name} scene_hash=sha256-{scene.content_hash} "
+            "backend={backend} spacing={spacing} "
+            "written_by=dem_bridge-{version} Time={time!r} sample={sample}"
+        ),
+        "X {4!r} 0.0 0.0 {5!r} 0.0 0.0 {6!r} 0.0 0.0 {2!r} {3!r} {0} {7!r} {8!r} {9!r}",
+    ),
+    "lammpstrj": (
+        "ITEM: UNITS\nsi",
+        (
+            "ITEM: TIME\n"
+            "{time!r}\n"
+            "ITEM: TIMESTEP\n"
+            "{sample}\n"
+            "ITEM: NUMBER OF ATOMS\n"
+            "{scene.n_body}\n"
+            "ITEM: BOX BOUNDS ff ff ff\n"
+            "{low!r} {high!r}\n"
+            "-{reach!r} {reach!r}\n"
+            "-{reach!r} {reach!r}\n"
+            "ITEM: ATOMS id type x y z vx vy vz fx fy fz radius mass d_displacement d_force_left d_force_right"
+        ),
+        "{1} 1 {4!r} 0 0 {5!r} 0 0 {6!r} 0 0 {2!r} {3!r} {7!r} {8!r} {9!r}",
+    ),
+}
 
 
 def format_of(path: Path, name: str | None = None) -> str:

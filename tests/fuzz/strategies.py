@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from dem_bridge.formats.readers.headings import DATA
+from dem_bridge.formats.readers.headings import NAMES
 from dem_bridge.formats.units import STYLES, VALUES
 from dem_bridge.scene.file import body_forms, forms, impact
 from tests.fuzz.mutate import WORDS
@@ -177,7 +177,7 @@ def dumps(draw: st.DrawFn) -> bytes:
 @st.composite
 def tables(draw: st.DrawFn) -> bytes:
     """Draw a table of samples: comments, headings with indices and units, delimiters and numbers."""
-    names = [name for names in DATA["names"].values() for name in names]
+    names = [name for names in NAMES.values() for name in names]
     units = [unit for table in VALUES.values() for unit in table] + ["m/s", "mm_per_s", "x", ""]
     shapes = ["{0}", "{0}_{1}", "{0}[{1}]", "{0} {1} [{2}]", "{0}_{1}_{2}", "body {1} {0} ({2})", "{0} / {2}", "{2}"]
     index = st.sampled_from(["0", "1", "2", "9" * 20, "-1", "\u0663"])

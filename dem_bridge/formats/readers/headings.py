@@ -1,32 +1,59 @@
 """Recognise the headings of columns and the names of arrays: quantity, body, unit and axis.
 
-The names are data (``names.json``). A heading has a name (``v``, ``velocity``, ``vx``), and may have an index
+A heading has a name (``v``, ``velocity``, ``vx``), and may have an index
 (``v_3``, ``v[3]``, ``body 3 velocity``) and a unit (``v_3_m_per_s``, ``velocity 3 [mm/s]``, ``t/ms``).
 """
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 from dem_bridge.formats.units import VALUES, value_of
 
-DATA: Mapping[str, Any] = json.loads(Path(__file__).with_name("names.json").read_text(encoding="utf-8"))
+#: names of each quantity; and what stands before the letter of an axis
+NAMES: Mapping[str, tuple[str, ...]] = {
+    "time": ("time", "times", "t", "sim_time", "simtime", "simulation_time"),
+    "step": ("step", "steps", "timestep", "time_step", "iter", "iteration", "i"),
+    "body": (
+        "body", "bodies", "body_id", "bead", "grain", "sphere", "ball", "particle", "particle_id", "atom", "atom_id",
+        "id", "ids", "node", "contact", "contacts",
+    ),
+    "velocity": ("velocity", "velocities", "vel", "v"),
+    "displacement": ("displacement", "displacements", "disp", "displ", "u"),
+    "position": (
+        "position", "positions", "pos", "coordinate", "coordinates", "coord", "coords", "x", "y", "z", "xu", "yu",
+        "zu",
+    ),
+    "contact_force": ("contact_force", "contact_forces", "force_contact", "normal_force", "fn", "fc"),
+    "force_left": ("force_left",),
+    "force_right": ("force_right",),
+    "force": ("force", "forces", "net_force", "f"),
+    "mass": ("mass", "masses", "m"),
+    "radius": ("radius", "radii", "r"),
+    "diameter": ("diameter", "diameters", "d"),
+}  # fmt: skip
+_STEMS: Mapping[str, tuple[str, ...]] = {
+    "velocity": ("velocity_", "vel_", "vel", "v_", "v", "u_dot_"),
+    "displacement": ("displacement_", "disp_", "displ_", "u_", "u"),
+    "position": ("position_", "pos_", "coord_"),
+    "force": ("force_", "f_", "f"),
+}  # fmt: skip
 #: SI unit of each quantity
-DIMENSIONS: Mapping[str, str] = DATA["dimensions"]
+DIMENSIONS: Mapping[str, str] = {
+    "time": "s", "velocity": "m/s", "displacement": "m", "position": "m", "contact_force": "N", "force_left": "N",
+    "force_right": "N", "force": "N", "mass": "kg", "radius": "m", "diameter": "m",
+}  # fmt: skip
 
 
 def _names() -> Iterator[tuple[str, tuple[str, int | None]]]:
     """Yield the names of quantities, each with the quantity and the axis (0, 1, 2 or None)."""
-    for quantity, names in DATA["names"].items():
+    for quantity, names in NAMES.items():
         for name in names:
             letter = name[0] if quantity == "position" and name.rstrip("u") in ("x", "y", "z") else ""
             yield name, (quantity, "xyz".index(letter) if letter else None)
-    for quantity, stems in DATA["axes"].items():
+    for quantity, stems in _STEMS.items():
         for stem in stems:
             yield from ((f"{stem}{axis}", (quantity, k)) for k, axis in enumerate("xyz"))
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,8 @@ from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.surrogate_radius import radius_of
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.formats.tables.table import COLUMNS, Table, tabulate
+from dem_bridge.formats.tables.columns import COLUMNS
+from dem_bridge.formats.tables.table import Table, tabulate
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE, Laws, laws, line_order, pairs
 from dem_bridge.lmp.encoding import Types, body_types
 from dem_bridge.lmp.pairing import granular
@@ -28,7 +27,35 @@ from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.version import FORM_DATE, __version__
 
 #: sentences on definitions, and on the reasons for unknown values
-NOTES = json.loads(Path(__file__).with_name("notes.json").read_text(encoding="utf-8"))
+NOTES = {
+    "no_geometry": (
+        "the scene has no geometry, so shapes, sizes, angles, stiffnesses by angle, contact "
+        "ellipses and pressures are unknown; a scene file in physical form has a geometry"
+    ),
+    "equation": ("eq. 3.1: Chaunsali, Kim & Yang (2018), with their approximate axis ratio of the contact ellipse"),
+    "spheres": "a contact with a sphere has no angle, and eq. 3.1 applies to two crossed cylinders only",
+    "walls": "walls have a stiffness and an exponent n, but no shape and no material",
+    "not_granular": ("LAMMPS model and k_n are empty because pair_style granular cannot express the scene: {reason}"),
+    "k_n": (
+        "LAMMPS k_n is the value in pair_coeff: stiffness / sqrt(R/2) for hertz, where R is "
+        "the surrogate radius, and the stiffness for hooke"
+    ),
+    "prescan": (
+        "the prescan is a short coarse run before the real one; its overlaps and elastic "
+        "forces are accurate to a few per cent"
+    ),
+    "no_bca": "BCA columns are empty: {reason}",
+    "no_run": "without a run, peak forces, peak overlaps, contact ellipses and pressures are unknown",
+    "run": "results by {backend}; the peak force is the largest of the whole run",
+    "no_overlaps": "peak overlaps are empty: they follow from peak forces only for elastic power laws",
+    "not_hertzian": "only contacts by Hertz' law, n = 2.5, have contact ellipses and pressures",
+    "ellipses": "contact ellipses and pressures follow from the peak force by Hertz' exact law",
+    "own_mass": (
+        "the equations of motion use the mass of the scene; density times volume differs for "
+        "a body whose mass was set in the scene file"
+    ),
+    "radius": ("for spheres of radius R = {radius!r} m; k_n = stiffness / sqrt(R/2) for hertz, stiffness for hooke"),
+}
 
 
 def origin(scene: Scene, run: Trajectory | None = None) -> dict[str, Any]:

@@ -9,10 +9,10 @@ import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from dem_bridge.errors import UsageError
+from dem_bridge.formats.tables.columns import COLUMNS, Kind
 from dem_bridge.formats.units import unit_of
 from dem_bridge.foundation.summary import summary
 
@@ -20,12 +20,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SCHEMA = "dem-bridge/table/1"
-#: the data: heading, unit, kind and digits of the columns of each table, by quantity
-COLUMNS = json.loads(Path(__file__).with_name("columns.json").read_text(encoding="utf-8"))
 #: what a JSON document says of a column
 _COLUMN_KEYS = ("name", "heading", "unit", "kind", "uncertainty_of")
 Cell = float | int | str | None
-Kind = Literal["number", "count", "text"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +169,7 @@ def tabulate(
     details: Mapping[str, Mapping[str, str]] | None = None,
     **fields: Any,
 ) -> Table:
-    """Return the table ``id`` of :data:`COLUMNS`, whose columns have the ``values`` of their quantities.
+    """Return the table ``id`` of :data:`~.columns.COLUMNS`, whose columns have the ``values`` of their quantities.
 
     The first quantity has a value in every row. Quantities without values, and rows behind the last value of a
     quantity, are unknown; an optional column without values is left out. ``details`` has the headings and units that
@@ -180,14 +177,14 @@ def tabulate(
     """
     cells = {quantity: list(column) for quantity, column in values.items()}
     rows, columns = len(next(iter(cells.values()))), list[Column]()
-    for quantity, entry in COLUMNS[id].items():
-        if entry.get("optional") and quantity not in cells:
+    for quantity, form in COLUMNS[id].items():
+        if form.optional and quantity not in cells:
             continue
-        entry = {"unit": "", "kind": "number", "digits": 5} | entry | dict((details or {}).get(quantity, {}))
-        heading, unit, names = entry["heading"], entry["unit"], (quantity, f"{quantity}_uncertainty")
+        form = form._replace(**(details or {}).get(quantity, {}))
+        heading, unit, names = form.heading, form.unit, (quantity, f"{quantity}_uncertainty")
         parts = [cells.get(name, []) + [None] * (rows - len(cells.get(name, []))) for name in names]
-        if entry.get("uncertain"):
+        if form.uncertain:
             columns += with_uncertainty(quantity, heading, unit, *parts)
         else:
-            columns.append(column(quantity, heading, parts[0], unit=unit, kind=entry["kind"], digits=entry["digits"]))
+            columns.append(column(quantity, heading, parts[0], unit=unit, kind=form.kind, digits=form.digits))
     return Table(id=id, columns=tuple(columns), **fields)

@@ -9,11 +9,9 @@ file, line and column.
 from __future__ import annotations
 
 import csv
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,12 +19,52 @@ import numpy as np
 from dem_bridge.errors import SceneError
 from dem_bridge.scene.scene import ADHESION_LAWS, BY_RESTITUTION, DAMPING_LAWS, Adhesion, Damping, Scene, Wall
 
-#: the data: quantities by heading, and the columns of exported tables that are not read
-_DATA = json.loads(Path(__file__).with_name("scene_csv.json").read_text(encoding="utf-8"))
 #: quantities of bodies and of contacts, and the columns that identify contacts, by heading
-BODY, CONTACT, PLACE = (_DATA[key] for key in ("bodies", "contacts", "place"))
+BODY = {"body": "body", "mass_kg": "mass", "velocity_m_per_s": "velocity"}
+CONTACT = {
+    "stiffness_N_per_m^(n-1)": "stiffness", "stiffness_SI": "stiffness", "exponent": "exponent", "gap_m": "gap",
+    "damping_N_s_per_m": "dashpot", "damping_per_s": "mass_velocity", "damping_s": "kuwabara-kono",
+    "restitution": "coeff_restitution", "restitution_tsuji": "tsuji",
+    "damping_not_clipped_N_s_per_m": "dashpot, not clipped", "damping_not_clipped_per_s": "mass_velocity, not clipped",
+    "damping_not_clipped_s": "kuwabara-kono, not clipped", "restitution_not_clipped": "coeff_restitution, not clipped",
+    "restitution_tsuji_not_clipped": "tsuji, not clipped", "pull_off_dmt_N": "dmt", "pull_off_jkr_N": "jkr",
+}  # fmt: skip
+PLACE = {"contact": "contact", "where": "where"}
 #: columns of exported tables that are not read, because they follow from other columns, a deck or a run
-DERIVED = frozenset(_DATA["derived"])
+DERIVED = frozenset(
+    (
+        "mass_by_density_kg",
+        "shape",
+        "radius_m",
+        "height_m",
+        "material",
+        "youngs_modulus_Pa",
+        "poissons_ratio",
+        "density_kg_per_m3",
+        "atom_id",
+        "atom_type",
+        "angle_deg",
+        "stiffness_paper_N_per_m1_5",
+        "stiffness_exact_N_per_m1_5",
+        "paper_over_exact",
+        "lammps_model",
+        "lammps_k_n_SI",
+        "type_left",
+        "type_right",
+        "surrogate_radius_m",
+        "peak_overlap_prescan_m",
+        "peak_force_prescan_N",
+        "peak_force_bca_N",
+        "residence_bca_s",
+        "peak_overlap_m",
+        "peak_overlap_uncertainty_m",
+        "peak_force_N",
+        "peak_force_uncertainty_N",
+        "semi_major_m",
+        "semi_minor_m",
+        "peak_pressure_Pa",
+    )
+)
 #: laws of damping, of which a table may have one; one that is not clipped has another column
 _LAWS = frozenset(quantity for quantity in CONTACT.values() if quantity.partition(",")[0] in DAMPING_LAWS)
 #: laws of adhesion, of which a table may have one

@@ -34,8 +34,57 @@ _FIRST = "dem-bridge/baseline/1"
 QUANTITIES = ("velocity", "peak_force", "crossing_time")
 #: the data: form of a file and of its entries of accuracy; an entry is an object with these keys, a list of one form, a
 #: number, text or an object (or null), or any of them
-_FORM = json.loads(Path(__file__).with_name("baseline_form.json").read_text(encoding="utf-8"))
-_FIRST_FORM = _FORM["file"] | {"birth": {key: form for key, form in _FORM["file"]["birth"].items() if key != "digits"}}
+#: form of a baseline, and of an entry of its accuracy: kinds of values, "or null" where they may be missing
+_FORM: dict[str, Any] = {
+    "schema": "text",
+    "scene": "text",
+    "backend": "text",
+    "birth": {
+        "date": "text",
+        "package": "text",
+        "scene_hash": "text",
+        "source": "text",
+        "deck_hash": "text or null",
+        "lammps": "object or null",
+        "versions": "object",
+        "machine": "text",
+        "digits": "text",
+        "solved_with": "object",
+    },
+    "settings": {"dt": "number or null", "samples": "number", "tolerance": "number"},
+    "same_within": {
+        "velocity": {"value": "number", "reason": "text"},
+        "peak_force": {"value": "number", "reason": "text"},
+        "crossing_time": {"value": "number", "reason": "text"},
+    },
+    "accuracy": "any",
+    "velocity_bar": "number or null",
+    "counts": {"times": "number", "bodies": "number", "contacts": "number"},
+    "digests": {
+        "velocity": {"in_order": "text", "sorted": "text"},
+        "peak_force": {"in_order": "text", "sorted": "text"},
+        "crossing_time": {"in_order": "text", "sorted": "text"},
+    },
+    "time": ["number"],
+    "bodies": [{"body": "number", "velocity": ["number"]}],
+    "contacts": [
+        {
+            "contact": "number",
+            "peak_force": "number",
+            "crossing_time": "number or null",
+            "peak_force_bar": "number or null",
+            "crossing_time_bar": "number or null",
+        }
+    ],
+}
+_ACCURACY_FORM = {
+    "error": "number or null",
+    "bar": "number or null",
+    "tolerance": "number or null",
+    "outcome": "text",
+    "by": "text",
+}
+_FIRST_FORM = _FORM | {"birth": {key: form for key, form in _FORM["birth"].items() if key != "digits"}}
 LARGEST_DOUBLE = float(np.finfo(float).max)
 _UNKNOWN = Cost(wall=math.nan, cpu=math.nan, steps=0, force_evaluations=0)
 
@@ -174,9 +223,9 @@ def baseline_of_text(text: str) -> Baseline:
     if not isinstance(document, dict) or document.get("schema") not in (_FIRST, SCHEMA):
         schema = document.get("schema") if isinstance(document, dict) else None
         raise _InvalidBaseline(schema_fault(schema, _FIRST, SCHEMA))
-    _check("", document, _FORM["file"] if document["schema"] == SCHEMA else _FIRST_FORM)
+    _check("", document, _FORM if document["schema"] == SCHEMA else _FIRST_FORM)
     entries = document["accuracy"] if isinstance(document["accuracy"], dict) else {}
-    _check("accuracy", document["accuracy"], dict.fromkeys(entries, _FORM["entry of accuracy"]))
+    _check("accuracy", document["accuracy"], dict.fromkeys(entries, _ACCURACY_FORM))
     try:
         return _parse(document)
     except _InvalidBaseline:

@@ -31,7 +31,7 @@ EPS = 2.0**-52
 VERLET = Candidate(name="verlet", runs="verlet", knob="dt", order=2.0, kind=2)
 
 
-# laws of error and cost, with the numbers of laws.json
+# laws of error and cost, with the numbers of runs/planning/predict
 
 
 def test_the_phase_is_that_of_the_steps_of_the_prescan() -> None:
