@@ -412,7 +412,7 @@ def beyond() -> Iterable[Variant]:
             per_contact=300.0, contact=3e-4, pair="pair_style table linear 400",
             coefficients="pair_coeff * * t.table BALLS",
         ),
-        "UNDECIDED", "pair_style table", t_table=table,
+        "UNDECIDED", "a table, which is compared with no law", t_table=table,
     )  # fmt: skip
     jkr = f"jkr {MODULUS:g} 0 {POISSON:g} 0.1 tangential linear_nohistory 0 0 damping velocity"
     yield _deck("jkr", "FAIL", script(per_contact=200.0, **_coefficients(jkr)), "UNDECIDED", "jkr-breaks-early")

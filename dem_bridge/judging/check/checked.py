@@ -293,7 +293,9 @@ def _why_unread(subject: Subject) -> str:
     if not problems:
         return "the script has no run, and nothing moves at its start"
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return f"{problems[0]}{more}"
+    style = subject.deck.last("pair_style")
+    table = "forces come from a table, which is compared with no law: neither its values nor its interpolation; "
+    return f"{table if style is not None and 'table' in style.rest else ''}{problems[0]}{more}"
 
 
 def short_problem(problem: str) -> str:
