@@ -27,6 +27,7 @@ from dem_bridge.backends import scipy_kernels as kernels
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.scales import natural_scales, resting_acceleration, resting_speed, unfelt_overlap
 from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, Floats
+from dem_bridge.backends.scipy_steps import CompiledDop853
 from dem_bridge.errors import RunBroken
 from dem_bridge.foundation import progress
 from dem_bridge.scene.scene import Scene
@@ -156,6 +157,7 @@ class Integration:
         self.contacts, self.bodies = kernels.contact_table(scene), kernels.body_table(scene)
         self.laws = [(law.force, np.flatnonzero(c.law == nth)) for nth, law in enumerate(c.laws)]
         self.marks = np.zeros(k, np.int64)  # of the last step; see kernels.examine
+        self.state = np.full(k, OPEN)
         speed, depth = natural_scales(scene)
         self.touch = unfelt_overlap(scene)
         scales = np.concatenate([np.minimum(depth, 1e12 * self.touch), np.full(n, speed), [speed * scene.duration]])
@@ -187,14 +189,14 @@ class Integration:
         end, drive = self.scene.duration, self.scene.drive
         breaks = [] if drive is None else drive.breaks[drive.breaks < end].tolist()
         y = np.concatenate([-self.gap, np.array(self.scene.velocity), [0.0]])
-        state = self.state_at_start(y)
+        state = self.state = self.state_at_start(y)
         self._keep(np.array([0]), y[None], state)
         at, sample = 0.0, 1
         while at < end:
             # a high order needs smooth forces: it ends, too, where a drive bends
             stop = breaks[bisect_right(breaks, at)] if breaks and at < breaks[-1] else end
             with np.errstate(over="ignore", invalid="ignore"):  # a trial step may be far too long, and is refused
-                solver = DOP853(self.derivative(state), at, y, stop, rtol=self.rtol, atol=self.atol)
+                solver = self._solver(state, at, y, stop)
             solver.h_abs = min(solver.h_abs, self._longest_start(y))
             event = None
             while event is None and solver.status == "running":
@@ -231,6 +233,14 @@ class Integration:
                 self.restarts += 1
         self._note_end(end, y, state)
 
+    def _solver(self, state: NDArray[Any], at: float, y: Floats, stop: float, **more: float) -> DOP853:
+        """Return scipy's solver from a time to another; its steps are compiled unless they need functions of Python."""
+        settings = (self.derivative(state), at, y, stop)
+        if self.laws or self.drive is not None:
+            return DOP853(*settings, rtol=self.rtol, atol=self.atol, **more)
+        system = (state, self.contacts, self.bodies, self.scene.drag)
+        return CompiledDop853(system, *settings, rtol=self.rtol, atol=self.atol, **more)
+
     def state_at_start(self, y: Floats) -> NDArray[Any]:
         """Return the state of the contacts at the start."""
         np.maximum(self.peak_force, self._force(y[None])[0], out=self.peak_force)
@@ -259,7 +269,7 @@ class Integration:
         width = at - solver.t_old
         if width <= 0.0:
             return np.array(solver.y_old)
-        again = DOP853(solver.fun, solver.t_old, solver.y_old, at, rtol=self.rtol, atol=self.atol, first_step=width)
+        again = self._solver(self.state, solver.t_old, solver.y_old, at, first_step=width)
         while again.status == "running":
             again.step()
         self.evaluations += again.nfev

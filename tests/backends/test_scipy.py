@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from scipy.integrate import DOP853
 
 import dem_bridge as db
 from dem_bridge.backends import scipy_dop853, scipy_integration
+from dem_bridge.backends.scipy_steps import CompiledDop853
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.physics.exact import two_body_collision
@@ -208,12 +208,12 @@ def test_a_chain_pressed_between_walls_and_let_go_keeps_its_mirror_symmetry() ->
 
 
 def test_an_integrator_that_gives_up_is_a_broken_run(monkeypatch: pytest.MonkeyPatch, two_bodies: Truth) -> None:
-    class GivesUp(DOP853):
+    class GivesUp(CompiledDop853):
         def step(self) -> str:
             self.status = "failed"
             return "Required step size is less than spacing between numbers."
 
-    monkeypatch.setattr(scipy_integration, "DOP853", GivesUp)
+    monkeypatch.setattr(scipy_integration, "CompiledDop853", GivesUp)
     with pytest.raises(RunBroken, match=r"scipy on e_two_body: DOP853 stopped at t = 0 s: Required step size"):
         db.solve(two_bodies.scene, backend="scipy")
 

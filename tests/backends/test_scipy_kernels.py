@@ -20,6 +20,7 @@ from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.scipy_damped import DampedIntegration
 from dem_bridge.backends.scipy_integration import Integration, Step
 from dem_bridge.backends.scipy_kernels import OPEN, PRESSING
+from dem_bridge.backends.scipy_steps import CompiledDop853
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.strategies import ANY, damped_scenes, examples, scenes
@@ -112,15 +113,44 @@ def test_a_touch_between_both_ends_of_a_step_is_located(overshoot: float) -> Non
     assert run.peak_force[0] > 0.0
 
 
+def _after_steps(solver: DOP853, count: int) -> tuple[float, int, np.ndarray[Any, Any]]:
+    with np.errstate(over="ignore"):
+        for _ in range(count):
+            solver.step()
+    return solver.t, solver.nfev, solver.y
+
+
+class Swapped(CompiledDop853):
+    """A fault: the two estimates of the error in the place of each other."""
+
+    E3, E5 = DOP853.E5, DOP853.E3
+
+
+def test_compiled_steps_are_those_of_scipy() -> None:
+    run = Integration(CHAIN, Sampling(count=1), 1e-12)
+    y = np.concatenate([-run.gap, CHAIN.velocity, [0.0]])
+    state = run.state_at_start(y)
+    settings = {"rtol": 1e-9, "atol": 1e3 * run.atol}
+    system = (state, run.contacts, run.bodies, CHAIN.drag)
+    arguments = (run.derivative(state), 0.0, y, CHAIN.duration)
+    t, evaluations, scipys = _after_steps(DOP853(*arguments, **settings), 12)
+    compiled, same, ours = _after_steps(CompiledDop853(system, *arguments, **settings), 12)
+    assert compiled == pytest.approx(t, rel=1e-6)
+    assert same == evaluations
+    # a step that is a millionth longer, and a dozen steps of the last digit
+    assert ours == pytest.approx(scipys, rel=1e-5, abs=1e-9 * float(np.max(np.abs(scipys))))
+    assert _after_steps(Swapped(system, *arguments, **settings), 12)[0] != pytest.approx(t, rel=1e-2)
+
+
 def test_a_dense_output_is_made_for_few_steps_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Counted(DOP853):
+    class Counted(CompiledDop853):
         made = 0
 
         def dense_output(self) -> Any:
             Counted.made += 1
             return super().dense_output()
 
-    monkeypatch.setattr(scipy_integration, "DOP853", Counted)
+    monkeypatch.setattr(scipy_integration, "CompiledDop853", Counted)
     run = db.solve(CHAIN, backend="scipy", samples=5, uncertainty=False)
     # one for each sample and event, and for each maximum; 20 or so steps lie between two events
     assert Counted.made < 0.2 * run.cost.steps
