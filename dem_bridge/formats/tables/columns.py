@@ -19,6 +19,12 @@ class Form(NamedTuple):
     uncertain: bool = False
     """Whether a column with its uncertainty follows."""
 
+    def with_details(self, details: Mapping[str, str]) -> Form:
+        """Return the form with the ``heading`` and ``unit`` that depend on the scene or the settings."""
+        if unknown := set(details) - {"heading", "unit"}:
+            raise KeyError(f"details of a column = {sorted(unknown)}; allowed: heading, unit")
+        return self._replace(heading=details.get("heading", self.heading), unit=details.get("unit", self.unit))
+
 
 COLUMNS: Mapping[str, Mapping[str, Form]] = {
     "contacts": {

@@ -180,7 +180,7 @@ def tabulate(
     for quantity, form in COLUMNS[id].items():
         if form.optional and quantity not in cells:
             continue
-        form = form._replace(**(details or {}).get(quantity, {}))
+        form = form.with_details((details or {}).get(quantity, {}))
         heading, unit, names = form.heading, form.unit, (quantity, f"{quantity}_uncertainty")
         parts = [cells.get(name, []) + [None] * (rows - len(cells.get(name, []))) for name in names]
         if form.uncertain:
