@@ -118,7 +118,10 @@ def compare(
         runs = [_read(path, scene, settings if step is None else settings | {"dt": step}) for path, step in pairs]
         if "dt" in settings:
             _check_ends([run for run, (_, step) in zip(runs, pairs, strict=True) if step is None], settings["dt"])
-        comparison = dem_bridge.compare(*runs, tolerance=tolerance or 0.0)
+        from dem_bridge.observables.differences import explained_difference
+
+        explained = explained_difference(*runs)
+        comparison = dem_bridge.compare(*runs, tolerance=explained if tolerance is None else tolerance)
     for (path, _), run in zip(pairs, runs, strict=True):
         _print_assumptions(path, run)
     for entry in comparison.differences:
@@ -126,7 +129,8 @@ def compare(
     for note in (*comparison.unknown, *comparison.notes):
         click.echo(f"note: {note}")
     compared = any(entry.quantity == "velocity" for entry in comparison.differences)
-    limit = f"differ by more than {tolerance:g} of the largest velocity" if tolerance else "differ"
+    least = explained if tolerance is None else tolerance
+    limit = f"differ by more than {least:.3g} of the largest velocity" if least else "differ"
     if not compared:
         click.echo("velocities are not compared")
     elif comparison.undecided:
@@ -141,6 +145,7 @@ def compare(
         if not tolerance:
             click.echo("give --tolerance to see when the difference matters")
     if tolerance is None:
+        click.echo(f"the uncertainties of both runs and round-off explain {explained:.3g}")
         click.echo("no --tolerance was given: the exit code is 0 whatever the difference")
         return
     decided = compared and not comparison.undecided

@@ -56,7 +56,7 @@ def usable(record: Record, scene: Scene) -> tuple[Record, list[str]]:
         notes.append(f"{record.name}: the step, {record.dt:.6g} s, is longer than the sampling, {interval:.6g} s.")
     widest = max(values.shape[1] for values in record.values.values())
     if (every := -(-len(record.time) * widest // MOST_VALUES_OF_QUANTITY)) > 1:
-        notes.append(f"{record.name}: every sample number {every} of {len(record.time)} is judged.")
+        notes.append(f"{record.name}: {every_nth(every)} of {len(record.time)} samples is judged.")
         record = _rows(record, slice(None, None, every))
     if not len(record.time) or record.time[-1] <= 0.0:
         raise UsageError(
@@ -74,6 +74,19 @@ def usable(record: Record, scene: Scene) -> tuple[Record, list[str]]:
                 " remove these samples, or run the code again with a smaller time step"
             )
     return record, notes
+
+
+def every_nth(count: int) -> str:
+    """Return which samples are taken, in words.
+
+    >>> every_nth(2), every_nth(3), every_nth(21)
+    ('every second', 'every third', 'every 21st')
+    """
+    if count < 4:
+        return f"every {('', 'single', 'second', 'third')[count]}"
+    last = count % 10
+    ending = "stndrd"[2 * last - 2 : 2 * last] if 1 <= last <= 3 and not 10 < count % 100 < 14 else "th"
+    return f"every {count}{ending}"
 
 
 def units_of_time(scene: Scene, records: Sequence[Record]) -> list[float]:

@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from dem_bridge.errors import DemBridgeError
 from dem_bridge.formats.readers.record import Record
-from dem_bridge.judging.diagnosis import PRIORITY, Diagnosis
+from dem_bridge.judging.diagnosis import PRIORITY, Diagnosis, Fault
 from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, Fit
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
 from dem_bridge.judging.naming import (
@@ -30,7 +31,7 @@ from dem_bridge.judging.pairs import name_pair
 from dem_bridge.judging.samples import WORDS, sample_hypotheses
 from dem_bridge.judging.search import Search
 from dem_bridge.judging.single import on_single_grid
-from dem_bridge.judging.stated import Statement, statements, variant_of
+from dem_bridge.judging.stated import Statement, changed, statements, variant_of
 from dem_bridge.judging.step import step_error
 from dem_bridge.scene.scene import Scene
 
@@ -98,7 +99,12 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
         or _beside(_by_fits(search, none, stated), stated)
     )
     if diagnosis.cause == "unknown":
-        diagnosis = _of_shipped_scene(search, size) or name_pair(search, none) or diagnosis
+        diagnosis = (
+            _of_shipped_scene(search, size)
+            or _beside_statements(search, stated, floor)
+            or (_foreign(search, diagnosis) if search.foreign else name_pair(search, none))
+            or diagnosis
+        )
     return replace(diagnosis, evidence=_all_zero(search) + diagnosis.evidence)
 
 
@@ -122,6 +128,14 @@ def _of_shipped_scene(search: Search, size: float) -> Diagnosis | None:
     name, error = shipped
     evidence = f"The file is of the scene {name}, from which it differs by {error:.2g} of the largest value."
     return Diagnosis(cause="wrong-scene", evidence=evidence)
+
+
+def _foreign(search: Search, diagnosis: Diagnosis) -> Diagnosis:
+    """Return the diagnosis of a file that looks like one of another scene."""
+    n = search.scene.n_body
+    some = f" The file has {n - search.missing_bodies} of its {n} bodies." if search.missing_bodies else ""
+    words = f"Is it this scene, {search.scene.name}?{some} No single fault explains the difference where it begins."
+    return replace(diagnosis, evidence=words, headline=words)
 
 
 def _by_fits(search: Search, none: Fit, stated: Sequence[Statement]) -> Diagnosis:
@@ -162,7 +176,7 @@ def by_statements(search: Search, none: Fit, stated: Sequence[Statement]) -> Dia
     first = max(stated, key=lambda statement: effects[statement])
     effect, step = effects[first], step_error(decision, together)
     words = _and(f"{statement.words} (effect {effects[statement]:.2g})" for statement in stated)
-    left = leaves(together, none, "With it a run leaves")
+    left = leaves(together, none, "With it")
     if effect < max(ERROR_OF_UNKNOWN_METHOD, 0.0 if step is None else step.error / LEAST_EFFECT_FLOORS):
         return Diagnosis(
             cause="none", evidence=f"Time step and digits explain the difference, although {words}.", step=step
@@ -186,6 +200,26 @@ def by_statements(search: Search, none: Fit, stated: Sequence[Statement]) -> Dia
         sentences=tuple(alternative(texts[name], name) for name in names),
         step=step,
     )
+
+
+def _beside_statements(search: Search, stated: Sequence[Statement], floor: Mapping[str, float]) -> Diagnosis | None:
+    """Return the diagnosis of a file that differs from the scene which it states by a further fault; else None."""
+    changes = {name: value for statement in stated for name, value in statement.changes.items()}
+    if not stated or not stated[0].cause or "start" in changes:
+        return None
+    try:
+        scene = changed(search.scene, changes)
+    except DemBridgeError:
+        return None
+    rest = _diagnose_file(scene, replace(search.record, stated={}), floor)
+    if rest.cause in ("none", "unknown", "wrong-scene"):
+        return None
+    first = stated[0]
+    words = _and(statement.words for statement in stated)
+    fault = Fault(first.cause, first.where, f"{words[:1].upper()}{words[1:]}.")
+    others = rest.faults or (Fault(rest.cause, rest.where, rest.evidence),)
+    evidence = f"Two faults at once: {fault.sentence} {rest.evidence}"
+    return replace(rest, cause=first.cause, where=first.where, evidence=evidence, faults=(fault, *others))
 
 
 def _certain(variant: Variant, cause: str) -> Hypothesis:

@@ -88,5 +88,7 @@ class Diagnosis:
     """What explains the files as well, with numbers: "or: all masses are 0.971 +- 2e-9 of the scene's (mass)"."""
     stepping: Stepping | None = None
     """Method and step of the code, where a cause was fitted with them."""
+    headline: str = ""
+    """What is known of an unknown cause, in a sentence for the first line."""
     needed: str = ""
     """Which files would tell the cause from the alternatives, in a sentence; empty if none would."""

@@ -15,6 +15,9 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Floats
 
+#: difference of two programs of one method and step, relative to the scale: the order of their operations differs
+ROUNDOFF_OF_SAME_METHOD = 1e-9
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class QuantityErrors:
@@ -75,14 +78,18 @@ class FileErrors:
     record: Record
     quantities: Mapping[str, QuantityErrors]
 
-    def first_divergence(self, scene: Scene) -> dict[str, Any] | None:
+    def first_divergence(self, scene: Scene, by_step: Mapping[str, Floats] | None = None) -> dict[str, Any] | None:
         """Return time, body and quantity of the first error that digits and reference do not explain; None without.
 
-        A divergence of contact forces has the contact, too; its body is the one on the struck side.
+        A divergence of contact forces has the contact, too; its body is the one on the struck side. ``by_step`` has
+        the errors of a method and step in the scene, for each quantity ``(n_t, n_columns)``, which explain as much.
         """
         first: tuple[float, float, QuantityErrors, int] | None = None
         for part in self.quantities.values():
-            excess = (np.abs(part.error) - part.explained) / (part.scale or 1.0)
+            error, allowed = part.error, part.explained
+            if by_step is not None:
+                error, allowed = error - by_step[part.quantity], allowed + ROUNDOFF_OF_SAME_METHOD * part.scale
+            excess = (np.abs(error) - allowed) / (part.scale or 1.0)
             rows = np.flatnonzero((excess > 0.0).any(axis=1))
             if len(rows):
                 column = int(np.argmax(excess[rows[0]]))

@@ -136,6 +136,8 @@ class Data:
             elif variant.order is not None and variant.order[0] > variant.order[-1]:
                 columns = value.shape[1] - 1 - columns
             value = value[:, columns] * variant.factors[block.quantity]
+            for quantity, body in variant.flipped:
+                value[:, (block.quantity == quantity) & (block.columns == body)] *= -1.0
             # an unstable motion is no absent sample
             value[~np.isfinite(value)] = np.inf
             if block.quantity == 1 and self.from_first:

@@ -32,6 +32,8 @@ class Variant(NamedTuple):
     """Of velocity, displacement and contact force."""
     order: tuple[int, ...] | None = None
     """Body of the scene for each body of the file; contacts are reversed with all bodies, and else in their order."""
+    flipped: tuple[tuple[int, int], ...] = ()
+    """Quantity and body of each column with the other sign."""
     offset: tuple[float, ...] | None = None
     """Displacement of each body at the start, m."""
     method: int | None = None
@@ -55,6 +57,8 @@ class Hypothesis:
     starts: tuple[tuple[float, ...], ...] = ((),)
     where: str = ""
     value: Callable[[float], float] = float
+    numbers: Callable[[Floats, Floats], tuple[float, ...]] | None = None
+    """Numbers of the sentence, from parameters and their standard deviations, in place of those of ``value``."""
     family: str = ""
     nameable: bool = True
     bounds: tuple[Any, Any] = (-math.inf, math.inf)
@@ -216,21 +220,7 @@ def global_hypotheses(scene: Scene, model: Model) -> Iterator[Hypothesis]:
         value=_factor,
         family="factor",
     )
-    yield Hypothesis(
-        "exponent",
-        lambda p: Variant(change.bent(p[0])),
-        "The exponent n differs from the scene's by {0:.6g} +- {1:.2g}.",
-        ((0.0,), (0.25,), (-0.25,), (0.5,), (-0.5,)),
-        bounds=(-1.4, 3.0),
-    )
-    yield Hypothesis(
-        "exponent",
-        lambda p: Variant(change.bent(p[0], factor=_factor(p[1]))),
-        "The exponent n differs from the scene's by {0:.6g} +- {1:.2g}, and all stiffnesses with it.",
-        ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0)),
-        bounds=(-1.4, 3.0),
-        least=DEVIATIONS_FROM_ZERO,
-    )
+    yield from _exponents(change)
     yield from _patterns(scene, change)
     yield from _damping(scene, change)
     yield from _gravity(scene, change)
@@ -258,6 +248,41 @@ def global_hypotheses(scene: Scene, model: Model) -> Iterator[Hypothesis]:
     )
 
 
+def _exponents(change: Changes) -> Iterator[Hypothesis]:
+    """Yield another exponent, with the stiffnesses of the scene as numbers and with others."""
+    own = np.unique(change.base.exponent)
+    if len(own) == 1:
+        start, words = float(own[0]), f"The exponent n is {{0:.6g}} +- {{1:.2g}} in place of {own[0]:g}"
+    else:
+        start, words = 0.0, "The exponents n differ from the scene's by {0:.6g} +- {1:.2g}"
+
+    def numbers(p: Floats, deviation: Floats) -> tuple[float, ...]:
+        # the factor on the forces at the depth of the impact is fitted, which the exponent does not change
+        depth = math.log(max(change.model.depth, 1e-12))
+        factor = math.exp(float(p[1]) - float(p[0]) * depth)
+        uncertain = factor * float(deviation[1] + deviation[0] * abs(depth))
+        return start + float(p[0]), float(deviation[0]), factor, uncertain
+
+    yield Hypothesis(
+        "exponent",
+        lambda p: Variant(change.bent(p[0])),
+        f"{words}.",
+        ((0.0,), (0.25,), (-0.25,), (0.5,), (-0.5,)),
+        value=lambda p: start + p,
+        bounds=(-1.4, 3.0),
+    )
+    yield Hypothesis(
+        "exponent",
+        lambda p: Variant(change.bent(p[0], factor=_factor(p[1]))),
+        f"{words}, and stiffness over mass is {{2:.6g}} +- {{3:.2g}} times the number of the scene.",
+        ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0)),
+        numbers=numbers,
+        bounds=(-1.4, 3.0),
+        together=("exponent", "stiffness-scale"),
+        least=DEVIATIONS_FROM_ZERO,
+    )
+
+
 def common_factor(scene: Scene, model: Model) -> Hypothesis:
     """Return one factor on all masses and stiffnesses, which changes contact forces and mostly nothing else."""
     change = Changes(scene, model)
@@ -267,6 +292,7 @@ def common_factor(scene: Scene, model: Model) -> Hypothesis:
         "All masses and all stiffnesses are {0:.6g} +- {1:.2g} of the scene's.",
         LOG_STARTS,
         value=_factor,
+        family="common",
         together=("stiffness-scale", "mass"),
     )
 

@@ -5,27 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
-
-import numpy as np
 
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import Record
 from dem_bridge.foundation.numbers import check_number
 from dem_bridge.judging.admission import check_steps, in_unit, units_of_time, usable
+from dem_bridge.judging.by_step import errors_by_step, observed_curve, step_curve
 from dem_bridge.judging.cause import diagnose
 from dem_bridge.judging.diagnosis import Diagnosis, Fault
 from dem_bridge.judging.error import FileErrors, QuantityErrors, file_errors
-from dem_bridge.judging.kernels import VERLET
 from dem_bridge.judging.keyed import KeyedAnswer
 from dem_bridge.judging.naming import alternative
 from dem_bridge.judging.order import Convergence, convergence
 from dem_bridge.judging.reference import UNITS
-from dem_bridge.judging.step import ACCURACIES, StepError, accuracy_key, predict_step_error
+from dem_bridge.judging.step import ACCURACIES, StepError, accuracy_key
 from dem_bridge.observables.verdict import Outcome, exit_code, judge, plain
 from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats
 
 if TYPE_CHECKING:
     from dem_bridge.report.study import FigureData, Study, Table
@@ -53,6 +51,8 @@ class Addition:
 
 #: what files without contact forces cannot show
 COMMON_FACTOR = "One factor on all masses and stiffnesses changes no velocity; contact forces would show it."
+#: names of units of time by their size, s
+UNIT_NAMES = {1e-3: "ms", 1e-6: "µs", 1e-9: "ns"}
 #: the diagnosis of files without an error that can be seen
 EXPLAINED = Diagnosis(cause="none", evidence="Digits and reference explain all values.")
 
@@ -81,6 +81,8 @@ class Judgement(KeyedAnswer):
     """Errors by the time step; None if the method has none, or if nothing is known of it."""
     addition: Addition = Addition()
     """Work-precision of a foreign code, or the limits of a deck."""
+    by_step: Mapping[str, Floats] | None = None
+    """Errors of the code's method and step in the scene, for each quantity of the judged file; None: unknown."""
     time_unit: float = 1.0
     """Unit in which the times of the files must be for the errors, s: not 1 if the files state another one."""
 
@@ -136,9 +138,21 @@ class Judgement(KeyedAnswer):
 
     @property
     def first_divergence(self) -> dict[str, Any] | None:
-        """Time, body and quantity of the first error that digits and reference do not explain; None without one."""
+        """Time, body and quantity of the first error that time step, digits and reference do not explain, or None.
+
+        Where the step is unknown, only digits and reference explain errors.
+        """
+        if self.cause == "none" and self.diagnosis.step is not None:
+            return None
+        if self.by_step is not None:
+            return self.judged[0].first_divergence(self.scene, self.by_step)
         divergences = [first for file in self.judged if (first := file.first_divergence(self.scene)) is not None]
         return min(divergences, key=lambda first: float(first["time"]), default=None)
+
+    @property
+    def seen(self) -> bool:
+        """True if digits and reference do not explain all values."""
+        return any(file.first_divergence(self.scene) is not None for file in self.judged)
 
     @property
     def order(self) -> dict[str, dict[str, float]]:
@@ -278,7 +292,7 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
                 cause="units",
                 alternatives=("time-scale",) if right else (),
                 sentences=(alternative(f"All times are to be multiplied by {unit:g}.", "time-scale"),) if right else (),
-                evidence=f"Times are {1.0 / unit:.4g} times too large. In a unit of {unit:g} s: {rest}",
+                evidence=f"The times are in {UNIT_NAMES[unit]} ({1.0 / unit:.4g} times SI). With times in s: {rest}",
             )
             note = f"The errors are those of the files with times in a unit of {unit:g} s."
             return replace(judgement, diagnosis=diagnosis, time_unit=unit, assumed=(*judgement.assumed, note))
@@ -299,33 +313,15 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
         tolerance=tolerance,
         assumed=tuple(notes),
     )
-    return replace(judgement, step_curve=_step_curve(judgement))
-
-
-def _step_curve(judgement: Judgement) -> StepError | None:
-    """Return the errors by the time step: those of right files, of the method that a fit has found, or of Verlet."""
-    diagnosis, (name, (file, _)) = judgement.diagnosis, next(iter(judgement.worst.items()))
-    if diagnosis.cause == "none" and (curve := _observed(judgement, name)) is not None:
-        return curve
-    if diagnosis.step is not None and diagnosis.cause == "none":
-        return diagnosis.step
-    method, dt = diagnosis.stepping or (VERLET, file.record.dt)
-    accuracies = ACCURACIES if judgement.tolerance is None else (*ACCURACIES, judgement.tolerance)
-    times = file.record.time if file.record.time[0] == 0.0 else np.append(0.0, file.record.time)
-    return predict_step_error(
-        judgement.scene, dt, accuracies=accuracies, times=times, method=method, quantity=name,
-        stated=file.record.dt is not None,
-    )  # fmt: skip
-
-
-def _observed(judgement: Judgement, name: str) -> StepError | None:
-    """Return the largest errors of right files against their steps; None unless they fall with the step."""
-    if name not in judgement.order:
-        return None
-    having = [file for file in judgement.files if name in file.quantities and file.record.dt is not None]
-    curve = sorted((float(f.record.dt or 0.0), f.quantities[name].relative(f.quantities[name].value)) for f in having)
-    falling = len(curve) > 1 and all(0.0 < fine[1] < coarse[1] for fine, coarse in pairwise(curve))
-    return StepError(dt=curve[0][0], stated=True, curve=tuple(curve)) if falling else None
+    name, (file, _) = next(iter(judgement.worst.items()))
+    right = diagnosis.cause == "none" and name in judgement.order
+    accuracies = ACCURACIES if tolerance is None else (*ACCURACIES, tolerance)
+    curve = observed_curve(files, name) if right else None
+    return replace(
+        judgement,
+        step_curve=curve or step_curve(scene, diagnosis, file, name, accuracies),
+        by_step=errors_by_step(scene, diagnosis, judgement.judged[0]) if len(judgement.judged) == 1 else None,
+    )
 
 
 def _diagnosis(

@@ -21,6 +21,8 @@ LEAST_EFFECT_FLOORS = 50.0
 LARGEST_RMS_NOISES, LARGEST_RESIDUAL_NOISES = 1.5, 12.0
 #: ... and the largest residual in floors, if it is larger in units of the noise
 LARGEST_RESIDUAL_FLOORS = 3.0
+#: part of the difference that a fault may leave to be told as a part of the cause
+LARGEST_SHARE_OF_PART = 0.5
 #: error relative to the scale that a code of unknown method may have
 ERROR_OF_UNKNOWN_METHOD = 1e-6
 #: part of the difference that a cause may leave to a code of unknown method, and the largest error that is left
@@ -79,6 +81,8 @@ def value(hypothesis: Hypothesis, p: Floats, deviation: Floats) -> tuple[float, 
     """Return the fitted value of a hypothesis and its standard deviation; () where nothing is fitted."""
     if hypothesis.size == 0:
         return ()
+    if hypothesis.numbers is not None:
+        return hypothesis.numbers(p, deviation)
     number, first = hypothesis.value, float(p[0])
     return number(first), abs(number(first + float(deviation[0])) - number(first))
 
@@ -93,9 +97,12 @@ def sentence(fit: Fit, none: Fit) -> str:
     return f"{claim(fit)} {leaves(fit, none)}"
 
 
-def leaves(fit: Fit, none: Fit, subject: str = "It leaves") -> str:
+def leaves(fit: Fit, none: Fit, subject: str = "With this fault") -> str:
     """Return what a fit leaves of the difference, in a sentence."""
-    return f"{subject} {fit.error:.2g} of the largest value, where the scene leaves {none.error:.2g}."
+    return (
+        f"{subject} in the reference the difference shrinks from {none.error:.2g} of the largest value to"
+        f" {fit.error:.2g}."
+    )
 
 
 def alternative(text: str, cause: str) -> str:
@@ -173,9 +180,10 @@ def _without_name(search: Search, none: Fit, best: Fit, found: bool, *, certain:
             usual = ERROR_OF_UNKNOWN_METHOD
         if none.error < usual and search.decision.error_at_rest() < LARGEST_SHARE_AT_REST * none.error:
             return small
-        nearest = f"{best.hypothesis.cause} {best.hypothesis.where}".strip()
-        words = f"No hypothesis explains the difference; the nearest ({nearest}) leaves {left:.2g} of it."
-        return Diagnosis(cause="unknown", evidence=words)
+        if best.hypothesis is none.hypothesis or left > LARGEST_SHARE_OF_PART:
+            return Diagnosis(cause="unknown", evidence="No single fault helps.", headline="No single fault helps.")
+        words = f"{claim(best)} This explains {100.0 * (1.0 - left):.3g} % of the difference; something else remains."
+        return Diagnosis(cause="unknown", evidence=words, headline=words)
     effect = search.decision.effect(best)
     if effect >= LEAST_EFFECT_FLOORS or (
         to_digits(best) and (certain or (left < 1.0 / LEAST_EFFECT_FLOORS and none.error >= ERROR_OF_UNKNOWN_METHOD))

@@ -3,28 +3,40 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.judging.decision import RMS_NOISES_AT_END
 from dem_bridge.judging.diagnosis import PRIORITY, Diagnosis, Fault
 from dem_bridge.judging.fitting import Fit, least
 from dem_bridge.judging.hypotheses import Hypothesis, Variant, global_hypotheses
 from dem_bridge.judging.kernels import System
 from dem_bridge.judging.naming import alternative, as_good, explained, leaves, needed_files, stepping_of, value
+from dem_bridge.judging.samples import half_steps
 from dem_bridge.judging.search import Candidate, Search
 
 Floats = NDArray[np.float64]
 
 #: single faults around which a second one is looked for in a window, pairs that are fitted, and those fitted at last
 MOST_FIRST_FAULTS, MOST_PAIRS_FITTED, MOST_PAIRS_FITTED_BY_ALL = 6, 10, 4
+#: ... of the same two causes
+MOST_PAIRS_OF_CAUSES = 3
 #: part of the difference that a pair may leave in a window, and times what the best pair leaves
 LARGEST_SHARE_LEFT_BY_PAIR, LARGEST_MULTIPLE_OF_BEST_PAIR = 0.5, 30.0
 #: pairs that leave so many times what the best leaves are fitted at last by their simplicity
 MULTIPLE_OF_EQUAL_PAIRS = 3.0
+#: times what pairs left in the window before, above which a second fault begins in this one; and windows ranked for it
+LEAST_MULTIPLE_OF_NEXT_FAULT, MOST_WINDOWS_RANKED_AGAIN = 30.0, 2
+#: rms, in units of the noise, of pairs that are examined with other names of one fault where one explains the samples
+LARGEST_NEAR_NOISES = 3.0
+#: ... both faults one after the other
+MOST_NAMES_CHANGED = 2
+#: causes that may look like velocities of half a step
+CAUSES_LIKE_HALF_STEPS = ("start-position", "time-shift", "half-step-velocity", "first-order-integrator")
 #: standard deviations by which each parameter of a pair differs from that of the scene
 DEVIATIONS_FROM_SCENE = 5.0
 #: numbers of a system whose changes are multiplied; those of all others are added
@@ -54,15 +66,32 @@ class Pair:
         return all(not h.size or abs(float(p[0])) > DEVIATIONS_FROM_SCENE * float(d[0]) for h, p, d in self.parts(fit))
 
 
+#: what a pair leaves of a difference, the pair, and its parameters
+_Kept = tuple[float, Pair, Floats]
+
+
 def fit_pairs(search: Search) -> list[tuple[Pair, Fit]]:
     """Return pairs of hypotheses with their fits by all samples, those that leave least first."""
     fits: list[tuple[Pair, Fit]] = []
-    for pair, start in _finalists(search):
-        best = min((fit for _, fit in fits), key=lambda fit: fit.rms, default=None)
-        fit = search.decision.decide(pair.hypothesis, start, best)
-        if pair.sure(fit):
-            fits.append((pair, fit))
-    return sorted(fits, key=lambda item: item[1].rms)
+
+    def decide(pairs: Iterable[tuple[Pair, Floats]]) -> None:
+        for pair, start in pairs:
+            best = min((fit for _, fit in fits), key=lambda fit: fit.rms, default=None)
+            fits.append((pair, search.decision.decide(pair.hypothesis, start, best)))
+
+    decide(_finalists(search))
+    for _ in range(MOST_NAMES_CHANGED):
+        decide(list(_with_other_names(search, _near(search, fits), {_names(pair) for pair, _ in fits})))
+    return sorted(((pair, fit) for pair, fit in fits if pair.sure(fit)), key=lambda item: item[1].rms)
+
+
+def _near(search: Search, fits: list[tuple[Pair, Fit]]) -> Iterator[tuple[Pair, Floats, float | None]]:
+    """Yield pairs with parameters and step that explain the samples, or all of them where none does."""
+    explains = any(fit.rms < RMS_NOISES_AT_END for _, fit in fits)
+    for pair, fit in fits:
+        if not explains or fit.rms < LARGEST_NEAR_NOISES:
+            found = None if fit.stepping is None else fit.stepping.dt
+            yield pair, fit.parameters, search.data.dt or found
 
 
 def name_pair(search: Search, none: Fit) -> Diagnosis | None:
@@ -91,7 +120,7 @@ def name_pair(search: Search, none: Fit) -> Diagnosis | None:
         alternatives=tuple(sorted(others, key=PRIORITY.index)),
         where=certain[0].where,
         evidence=" ".join(
-            ("Two faults at once:", *(fault.sentence for fault in faults), leaves(fit, none, "Together they leave"))
+            ("Two faults at once:", *(fault.sentence for fault in faults), leaves(fit, none, "With both faults"))
         ),
         faults=faults,
         sentences=tuple(_alternative(*item) for item in equal[1:]),
@@ -120,55 +149,128 @@ def _alternative(pair: Pair, fit: Fit) -> str:
 
 def _finalists(search: Search) -> list[tuple[Pair, Floats]]:
     """Return the pairs that leave least of a difference, from the window in which it begins to all samples."""
-    windows, kept = search.windows(), list[tuple[float, Pair, Floats]]()
+    windows, kept, before, again = search.windows(), list[_Kept](), 0.0, 0
     ranked_in = {windows[0], windows[min(2, len(windows) - 1)], windows[len(windows) // 2]}
     for rows in windows:
+        earlier = kept
         if rows in ranked_in:
-            kept += sorted(_ranked(search, rows), key=lambda item: item[0])[:MOST_PAIRS_FITTED]
-        extra = 1e-3 * float(np.max(search.errors[:rows]))
-        start = float(np.sqrt(np.mean(search.fitter.residual(search.base, rows, extra) ** 2)))
-        fitted: dict[frozenset[tuple[str, ...]], tuple[float, Pair, Floats]] = {}
-        for _, pair, p in kept:
-            p, rms = search.fitter.fit(pair.hypothesis, p, rows, extra)
-            name = frozenset((h.cause, h.where, h.evidence) for h in (pair.first, pair.second))
-            if name not in fitted or rms / start < fitted[name][0]:
-                fitted[name] = (rms / start, pair, p)
-        ordered = sorted(fitted.values(), key=lambda item: item[0])
-        limit = (
-            min(LARGEST_SHARE_LEFT_BY_PAIR, max(LARGEST_MULTIPLE_OF_BEST_PAIR * ordered[0][0], 0.1)) if ordered else 0.0
-        )
-        kept = [item for item in ordered if item[0] < limit][:MOST_PAIRS_FITTED]
+            kept = [*kept, *_chosen(_ranked(search, rows))]
+        kept, left = _fitted(search, kept, rows)
+        if rows == windows[0]:
+            best = [(pair, p, search.data.dt) for _, pair, p in kept[:MOST_PAIRS_FITTED_BY_ALL]]
+            others = _with_other_names(search, best, {_names(pair) for _, pair, _ in kept})
+            kept, left = _fitted(search, [*kept, *((1.0, pair, p) for pair, p in others)], rows)
+        if earlier and left > max(LEAST_MULTIPLE_OF_NEXT_FAULT * before, 1e-3) and again < MOST_WINDOWS_RANKED_AGAIN:
+            again += 1
+            firsts = _parts(earlier)
+            kept += _chosen(_ranked(search, rows, firsts))
+            kept, left = _fitted(search, kept, rows)
+        before = left
     least_left = min((left for left, _, _ in kept), default=0.0)
     kept.sort(key=lambda item: (item[0] > MULTIPLE_OF_EQUAL_PAIRS * least_left, _complexity(item[1]), item[0]))
-    last = [(pair, p) for _, pair, p in kept[:MOST_PAIRS_FITTED_BY_ALL]]
-    return [*last, *_with_other_factors(search, last)]
+    return [(pair, p) for _, pair, p in kept[:MOST_PAIRS_FITTED_BY_ALL]]
 
 
-def _with_other_factors(search: Search, pairs: list[tuple[Pair, Floats]]) -> Iterator[tuple[Pair, Floats]]:
-    """Yield pairs with a factor on all masses in place of one on all stiffnesses, and the other way round."""
-    names = [{(h.cause, h.evidence) for h in (pair.first, pair.second)} for pair, _ in pairs]
-    factors = [h for h in global_hypotheses(search.scene, search.model) if h.family == "factor"]
-    for pair, p in pairs:
-        for own, rest, start in (
-            (pair.first, pair.second, [*p[pair.first.size :], -p[0]]),
-            (pair.second, pair.first, [*p[: pair.first.size], *-p[pair.first.size :]]),
+def _fitted(search: Search, kept: list[_Kept], rows: int) -> tuple[list[_Kept], float]:
+    """Return pairs fitted in a window that leave least of the difference, and what the best leaves; 1 without any."""
+    extra = 1e-3 * float(np.max(search.errors[:rows]))
+    start = float(np.sqrt(np.mean(search.fitter.residual(search.base, rows, extra) ** 2)))
+    fitted: dict[frozenset[tuple[str, str, str]], _Kept] = {}
+    for _, pair, p in kept:
+        p, rms = search.fitter.fit(pair.hypothesis, p, rows, extra)
+        name = _names(pair)
+        if name not in fitted or rms / start < fitted[name][0]:
+            fitted[name] = (rms / start, pair, p)
+    ordered = sorted(fitted.values(), key=lambda item: item[0])
+    left = ordered[0][0] if ordered else 1.0
+    limit = min(LARGEST_SHARE_LEFT_BY_PAIR, max(LARGEST_MULTIPLE_OF_BEST_PAIR * left, 0.1))
+    return [item for item in ordered if item[0] < limit][:MOST_PAIRS_FITTED], left
+
+
+def _chosen(ranked: Iterable[_Kept]) -> list[_Kept]:
+    """Return the pairs that leave least, a few of the same two causes at most."""
+    kept = list[_Kept]()
+    for item in sorted(ranked, key=lambda item: item[0]):
+        causes = {item[1].first.cause, item[1].second.cause}
+        same = sum({pair.first.cause, pair.second.cause} == causes for _, pair, _ in kept)
+        if same < MOST_PAIRS_OF_CAUSES and len(kept) < MOST_PAIRS_FITTED:
+            kept.append(item)
+    return kept
+
+
+def _parts(kept: list[_Kept]) -> list[Candidate]:
+    """Return the faults of the best pairs of a window, which may be the first of two faults in the next one."""
+    firsts = list[Candidate]()
+    for left, pair, p in kept[:2]:
+        for hypothesis, start in ((pair.first, p[: pair.first.size]), (pair.second, p[pair.first.size :])):
+            if all(hypothesis is not candidate.hypothesis for candidate in firsts):
+                firsts.append(Candidate(hypothesis, start, left))
+    return firsts
+
+
+def _with_other_names(
+    search: Search, pairs: Iterable[tuple[Pair, Floats, float | None]], names: set[frozenset[tuple[str, str, str]]]
+) -> Iterator[tuple[Pair, Floats]]:
+    """Yield pairs, with parameters and the step of the code (s), with another name of one fault of nearly one motion.
+
+    Factors on all masses, stiffnesses and times are such names, delays by half a step, and an exponent alone.
+    ``names`` are those of pairs that are known, to which the new ones are added.
+    """
+    everywhere = list(global_hypotheses(search.scene, search.model))
+    factors = [h for h in everywhere if h.family == "factor"]
+    exponents = [h for h in everywhere if h.cause == "exponent"]
+    for pair, p, dt in pairs:
+        size = pair.first.size
+        for own, rest, mine, start in (
+            (pair.first, pair.second, p[:size], p[size:]),
+            (pair.second, pair.first, p[size:], p[:size]),
         ):
-            if own.family != "factor":
-                continue
-            other = next(h for h in factors if h.cause != own.cause)
-            if {(other.cause, other.evidence), (rest.cause, rest.evidence)} in names:
-                continue
-            if (changed := paired(search.base.system, rest, other)) is not None:
-                yield changed, np.array(start)
+            others = [
+                (h, factor if h.cause == "stiffness-scale" else -factor)
+                for factor in _factor_of(own, mine, search.base.system)
+                for h in factors
+                if h.cause != own.cause
+            ]
+            others += [(h, mine[: h.size]) for h in exponents if own.cause == h.cause and h.size < own.size]
+            if own.cause in CAUSES_LIKE_HALF_STEPS and dt is not None:
+                others += [(h, np.zeros(0)) for h in half_steps(search.data, dt, dt)]
+            for other, value_of_other in others:
+                name = frozenset((_named(other), _named(rest)))
+                if name not in names and (changed := paired(search.base.system, rest, other)) is not None:
+                    names.add(name)
+                    yield changed, np.concatenate([start, value_of_other])
 
 
-def _ranked(search: Search, rows: int) -> Iterator[tuple[float, Pair, Floats]]:
-    """Yield pairs with what they leave by a linear step about a first hypothesis that was fitted in this window."""
+def _factor_of(hypothesis: Hypothesis, p: Floats, base: System) -> Iterator[Floats]:
+    """Yield the logarithm of the factor on all stiffnesses that has nearly the motion of a hypothesis."""
+    if hypothesis.family == "factor":
+        yield p if hypothesis.cause == "stiffness-scale" else -p
+    elif hypothesis.cause == "time-scale":  # times of an impact go as (mass / stiffness)^(1/n)
+        yield float(np.median(base.exponent)) * p
+    elif hypothesis.cause == "exponent" and hypothesis.size == 2:
+        yield p[1:]
+
+
+def _names(pair: Pair) -> frozenset[tuple[str, str, str]]:
+    """Return what tells pairs apart."""
+    return frozenset((_named(pair.first), _named(pair.second)))
+
+
+def _named(hypothesis: Hypothesis) -> tuple[str, str, str]:
+    """Return what tells hypotheses apart."""
+    return hypothesis.cause, hypothesis.where, hypothesis.evidence
+
+
+def _ranked(search: Search, rows: int, firsts: Iterable[Candidate] = ()) -> Iterator[_Kept]:
+    """Yield pairs with what they leave by a linear step about a first hypothesis that was fitted in this window.
+
+    ``firsts`` are further first hypotheses, those of an earlier window.
+    """
     hypotheses = [*search.everywhere(), *search.places(rows)]
     extra = 1e-3 * float(np.max(search.errors[:rows]))
     start = search.fitter.residual(search.base, rows, extra)
     size = float(np.sqrt(np.sum(start**2)))
-    for candidate in _firsts(search.rank(hypotheses, rows)):
+    for candidate in (*firsts, *_firsts(search.rank(hypotheses, rows))):
         first = candidate.hypothesis
         p, _ = search.fitter.fit(first, candidate.parameters, rows, extra)
         at = search.fitter.residual(first.make(p), rows, extra)
@@ -217,7 +319,7 @@ def _about(
 
 def paired(base: System, first: Hypothesis, second: Hypothesis) -> Pair | None:
     """Return two hypotheses together; None if they change the same thing, or if the step of a code is to be fitted."""
-    if any(h.logarithmic or h.together for h in (first, second)) or not (first.nameable and second.nameable):
+    if any(h.logarithmic or h.family == "common" for h in (first, second)) or not (first.nameable and second.nameable):
         return None
     if (first.cause, first.where) == (second.cause, second.where):
         return None
@@ -271,6 +373,7 @@ def merged(base: System, first: Variant, second: Variant) -> Variant | None:
             first.factors[2] * second.factors[2],
         ),
         order=first.order if first.order is not None else second.order,
+        flipped=(*first.flipped, *second.flipped),
         offset=tuple(np.sum(offsets, axis=0).tolist()) if offsets else None,
         method=own.method,
         dt=own.dt,

@@ -48,6 +48,7 @@ def sample_hypotheses(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesi
     yield from _other_origin(data)
     yield from _other_orders(data)
     yield from _other_signs(data, exact)
+    yield from _flipped_columns(data, exact)
     yield from _units(data, exact)
     yield from _factors(data, exact)
 
@@ -124,6 +125,32 @@ def _other_signs(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
     yield Hypothesis("sign", lambda p: Variant(base.changed(velocity=-base.velocity)), sentence)
 
 
+def _flipped_columns(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
+    """Yield the columns of some bodies that are more like the motion with the other sign, if not all are."""
+    flipped: list[tuple[int, int]] = []
+    count = 0
+    for block, value in zip(data.blocks, exact, strict=True):
+        if block.quantity < 2:
+            same, other = (np.sum(np.nan_to_num(block.values - sign * value) ** 2, axis=0) for sign in (1.0, -1.0))
+            flipped += [
+                (block.quantity, int(body))
+                for body in np.asarray(block.columns)[other < LARGEST_SHARE_OF_OTHER_ORDER * same]
+            ]
+            count += len(block.columns)
+    if not flipped or len(flipped) == count:
+        return
+    bodies = sorted({body for _, body in flipped})
+    names = " and ".join(WORDS[quantity] for quantity in sorted({quantity for quantity, _ in flipped}))
+    few = ", ".join(map(str, bodies[:3])) + (" and others" if len(bodies) > 3 else "")
+    places = f"bod{'y' if len(bodies) == 1 else 'ies'} {few}"
+    yield Hypothesis(
+        "sign",
+        _always(Variant(data.model.system, flipped=tuple(flipped))),
+        f"The {names} of {places} have the other sign.",
+        where=places if len(bodies) == 1 else "",
+    )
+
+
 def _factors(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
     """Yield factors on all values of a quantity, or on all lengths, in whatever unit they are."""
     base, ratios = data.model.system, dict[int, float]()
@@ -163,23 +190,31 @@ def _units(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:
         if power != 0 and not 1e-3 * whole < end * scale < 3.0 * whole:
             continue
         prediction = data.predict(Variant(base, scale=scale), rows) if power else exact
-        factors, words = [1.0, 1.0, 1.0], [f"times by {scale:g}"] if power else []
+        factors, words = [1.0, 1.0, 1.0], [f"times {_times(1.0 / scale)}"] if power else []
         for block, value in zip(data.blocks, prediction, strict=True):
             size, other = (float(np.sqrt(np.sum(np.nan_to_num(v) ** 2))) for v in (value, block.values))
             ratio = other / size if size > 0.0 else 1.0
             nearest = round(math.log10(ratio)) if ratio > 0.0 else 0
             if nearest and abs(math.log10(ratio) - nearest) < 0.15:
                 factors[block.quantity] = 10.0**nearest
-                words.append(f"{WORDS[block.quantity]} by {10.0**-nearest:g}")
+                words.append(f"{WORDS[block.quantity]} {_times(10.0**nearest)}")
         if words:
-            sentence = f"Units: {' and '.join(words)} give SI."
+            sentence = f"Units: {' and '.join(words)} SI."
             fixed = (factors[0], factors[1], factors[2])
             yield Hypothesis("units", _always(Variant(base, scale=scale, factors=fixed)), sentence)
 
 
-def half_steps(data: Data, first_step: float) -> Iterator[Hypothesis]:
-    """Yield velocities of half steps and methods of first order, at the step of the file or at one to be fitted."""
-    base, dt, unit = data.model.system, data.dt, data.interval
+def _times(factor: float) -> str:
+    """Return what values of another unit are, beside SI: 'are 1000 times', or 'are 1/1000 of'."""
+    return f"are {factor:.6g} times" if factor > 1.0 else f"are 1/{1.0 / factor:.6g} of"
+
+
+def half_steps(data: Data, first_step: float, dt: float | None = None) -> Iterator[Hypothesis]:
+    """Yield velocities of half steps and methods of first order, at the step of the file or at one to be fitted.
+
+    ``dt`` is a step (s) that has been found for a file which states none.
+    """
+    base, dt, unit = data.model.system, data.dt if dt is None else dt, data.interval
     end = float(data.time[-1])
     if dt is not None and end / dt > 10 * MOST_STEPS_OF_METHOD:
         return

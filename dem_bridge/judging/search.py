@@ -34,6 +34,8 @@ MOST_FITTED_OF_CAUSE = 4
 FEWEST_SAMPLES_OF_WINDOW = 40
 #: part of the scene's own residual that a hypothesis may leave to be fitted further
 LARGEST_RESIDUAL_SHARE = 0.6
+#: part that every hypothesis leaves of another scene's motion where it begins, and the least size of the difference
+LEAST_SHARE_OF_OTHER_SCENE, LEAST_ERROR_OF_OTHER_SCENE = 0.6, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +50,9 @@ class Candidate:
 class Search:
     """The search for the cause of the difference between one file and its scene."""
 
+    foreign = False
+    """True once the file looks like one of another scene, on which no further search is spent."""
+
     def __init__(self, scene: Scene, record: Any, floor: Mapping[str, float]) -> None:
         self.scene, self.model, self.record = scene, Model(scene), record
         self.data = Data(record, self.model, floor)
@@ -55,6 +60,17 @@ class Search:
         self.base, self.exact, self.errors = self.decision.base, self.decision.exact, self.decision.errors
         self.none = Hypothesis("none", lambda p: self.base, "The scene itself.")
         self.rows = len(self.data.time)
+
+    @property
+    def size(self) -> float:
+        """Largest difference relative to the scale of its quantity."""
+        return float(np.max(self.errors))
+
+    @cached_property
+    def missing_bodies(self) -> int:
+        """Number of bodies of the scene that no column of the file is of."""
+        counts = [len(block.columns) for block in self.data.blocks if block.quantity < 2]
+        return self.scene.n_body - max(counts, default=self.scene.n_body)
 
     @cached_property
     def fitter(self) -> Fitter:
@@ -145,9 +161,12 @@ class Search:
             for k, place in enumerate(change.places())
         ]  # fmt: skip
         missed = [
-            Hypothesis("missed-contact", _missed(change, int(place)), f"Contact {k} never acts.", where=f"contact {k}")
+            Hypothesis(
+                "missed-contact", _missed(change, int(place)), f"Contact {k}{_wall_of(scene, int(place))} never acts.",
+                where=f"contact {k}",
+            )
             for k, place in enumerate(change.places())
-        ]
+        ]  # fmt: skip
         kinds = (masses, stiffnesses, missed, self._positions(change))
         return [candidate.hypothesis for kind in kinds for candidate in self.rank(kind, rows)[:MOST_PLACES_FITTED]]
 
@@ -184,7 +203,9 @@ class Search:
     # ------------------------------------------------------------------ fits
     def finalists(self) -> list[Candidate]:
         """Return the hypotheses that leave least of the difference, fitted by all samples."""
-        kept = self._fitted(self.windows()) or self._fitted([self.rows])
+        kept = self._fitted(self.windows())
+        self.foreign = self.foreign or (not kept and self.size > LEAST_ERROR_OF_OTHER_SCENE and self.missing_bodies > 0)
+        kept = kept or ([] if self.foreign else self._fitted([self.rows]))
         # a factor on all masses is nearly the inverse factor on all stiffnesses: neither is examined without the other
         factors = {
             candidate.hypothesis.cause: candidate for candidate in kept if candidate.hypothesis.family == "factor"
@@ -201,14 +222,20 @@ class Search:
         everywhere, kept = self.everywhere(), list[Candidate]()
         # where a difference begins it is linear in its cause, and a little later causes differ more
         for rows in dict.fromkeys((windows[0], windows[min(2, len(windows) - 1)])):
-            ranked = [
-                candidate for candidate in self.rank([*everywhere, *self.places(rows)], rows) if candidate.left < 0.97
-            ]
-            for candidate in ranked:
+            ranked = self.rank([*everywhere, *self.places(rows)], rows)
+            for candidate in (candidate for candidate in ranked if candidate.left < 0.97):
                 same = [other for other in kept if other.hypothesis.cause == candidate.hypothesis.cause]
                 again = any(_alike(other, candidate) for other in same)
                 if len(same) < MOST_FITTED_OF_CAUSE and len(kept) < MOST_FITTED_IN_WINDOW and not again:
                     kept.append(candidate)
+        # the last ranking is of samples in which the causes differ: where none helps, two of them hardly do
+        if (
+            len(windows) > 1
+            and self.size > LEAST_ERROR_OF_OTHER_SCENE
+            and min((c.left for c in ranked), default=1.0) > LEAST_SHARE_OF_OTHER_SCENE
+        ):
+            self.foreign = True
+            return []
         for rows in windows:
             extra = 1e-3 * float(np.max(self.errors[:rows]))
             start = float(np.sqrt(np.mean(self.fitter.residual(self.base, rows, extra) ** 2)))
@@ -239,6 +266,11 @@ def _alike(first: Candidate, second: Candidate) -> bool:
     left, right = first.hypothesis, second.hypothesis
     same = (left.cause, left.where, left.evidence) == (right.cause, right.where, right.evidence)
     return same and bool(np.allclose(first.parameters, second.parameters, rtol=0.3, atol=1e-12))
+
+
+def _wall_of(scene: Scene, place: int) -> str:
+    """Return the name of the wall of a contact of the line, as part of a sentence; '' for contacts between bodies."""
+    return {0: ", the left wall,", scene.n_body: ", the right wall,"}.get(place, "")
 
 
 def _missed(change: Changes, place: int) -> Callable[[Floats], Variant]:

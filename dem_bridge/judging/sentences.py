@@ -23,10 +23,12 @@ COLUMNS, COLUMNS_OF_NAMES, MOST_LINES = 80, 14, 15
 #: alternatives of a short answer, and the names that it leaves out first
 MOST_ALTERNATIVES = 2
 LESS_NEEDED = ("floor", "unseen", "cause", "divergence", "displacement", "contact force")
+#: error, relative to the largest value, for which a step is told in the first lines
+ACCURACY_ADVISED = 1e-3
 #: part of an error from which its uncertainty is shown
 LEAST_SHOWN_UNCERTAINTY = 0.02
 #: where the evidence goes over from what is claimed to what is left of the difference
-_LEAVES = re.compile(r"(?<=\.) (?=(?:It leaves|With it a run leaves|Together they leave) )")
+_LEAVES = re.compile(r"(?<=\.) (?=With (?:this fault|it|both faults) in the reference )")
 
 
 def text_of(judgement: Judgement, *, every: bool = False) -> str:
@@ -62,7 +64,7 @@ def lines(judgement: Judgement, *, every: bool = True) -> Iterator[tuple[str, st
             text = TEXTS("in_file", errors=text, name=file_name(file))
         yield f"{name.replace('_', ' ')}", text
     if judgement.first_divergence is not None and judgement.cause != "none":
-        yield "divergence", _divergence(judgement.first_divergence)
+        yield "divergence", _divergence(judgement)
     if len(judgement.files) > 1:
         yield "order", _order_text(judgement)
     if evidence := _evidence(judgement):
@@ -124,9 +126,10 @@ def _outcome(judgement: Judgement) -> str:
     """Return the outcome and the reason for it."""
     if judgement.tolerance is None:
         if judgement.cause == "none":
-            return TEXTS("explained")
+            return _right(judgement)
         if judgement.cause == "unknown":
-            return TEXTS("unseen" if judgement.first_divergence is None else "open")
+            headline = judgement.diagnosis.headline
+            return TEXTS("unseen") if not judgement.seen else TEXTS("part" if headline else "open", part=headline)
         return f"FAIL: {_named(judgement)}"
     if judgement.outcome == Outcome.PASS:
         return TEXTS("passes", tolerance=judgement.tolerance)
@@ -141,6 +144,31 @@ def _outcome(judgement: Judgement) -> str:
         cause = f" Cause: {_named(judgement)}" if judgement.faults else ""
         return TEXTS("fails", **values, relative=share(part, part.value)) + cause
     return TEXTS("straddles", **values, uncertainty=share(part, part.uncertainty))
+
+
+def _right(judgement: Judgement) -> str:
+    """Return the answer to a right file, with the error of its step and the step for errors of 1e-3."""
+    dt, error, largest = (judgement.step[key] for key in ("dt", "error", "largest_for"))
+    if dt is None or error is None:
+        return TEXTS("explained")
+    step = largest[accuracy_key(ACCURACY_ADVISED)]
+    words = "right_finer" if error > ACCURACY_ADVISED and step is not None else "right"
+    numbers = {
+        "error": percent(error),
+        "enough": percent(ACCURACY_ADVISED),
+        "step": "" if step is None else amount(step, "s", 2),
+    }
+    return TEXTS(words, dt=amount(dt, "s"), **numbers)
+
+
+def percent(value: float) -> str:
+    """Return a part in percent, with two digits.
+
+    >>> percent(6.33e-3), percent(1e-3), percent(3.2e-6)
+    ('0.63 %', '0.1 %', '0.00032 %')
+    """
+    text = f"{100.0 * value:.2g}"
+    return f"{float(text):.10f}".rstrip("0").rstrip(".") + " %" if 1e-10 < value < 1.0 else f"{text} %"
 
 
 def _named(judgement: Judgement) -> str:
@@ -197,11 +225,12 @@ def _and(words: list[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def _divergence(first: Mapping[str, object]) -> str:
-    """Return the sentence on the first divergence."""
+def _divergence(judgement: Judgement) -> str:
+    """Return the sentence on the first divergence, and on what explains the errors before it."""
+    first, key = judgement.first_divergence or {}, "divergence" if judgement.by_step is None else "divergence_by_step"
     place = f"contact {first['contact']}" if "contact" in first else f"body {first['body']}"
     words = str(first["quantity"]).replace("_", " ")
-    return TEXTS("divergence", quantity=words, place=place, time=amount(float(str(first["time"])), "s", 4))
+    return TEXTS(key, quantity=words, place=place, time=amount(float(str(first["time"])), "s", 4))
 
 
 def _order_text(judgement: Judgement) -> str:
@@ -247,11 +276,16 @@ def _floor(judgement: Judgement) -> str:
 
 def _advice(judgement: Judgement) -> Iterator[str]:
     """Yield what to do next."""
-    if judgement.cause == "unknown" and judgement.first_divergence is None:
+    if judgement.cause == "unknown" and not judgement.seen:
         yield TEXTS("see_more")
         return
     tolerance, fails = judgement.tolerance, judgement.outcome == Outcome.FAIL
-    yield TEXTS("reduce") if fails and judgement.cause == "none" else TEXTS(judgement.cause, "advice")
+    if judgement.cause != "none":
+        yield TEXTS(_advised(judgement), "advice")
+    elif fails:
+        yield TEXTS("reduce")
+    elif tolerance is not None or judgement.step["error"] is None or judgement.step["error"] <= ACCURACY_ADVISED:
+        yield TEXTS("none", "advice")
     if judgement.cause == "none" and not fails and tolerance is None:
         yield from _step_advice(judgement)
     for fault in judgement.diagnosis.faults:
@@ -264,12 +298,20 @@ def _advice(judgement: Judgement) -> Iterator[str]:
         yield TEXTS("more_files")
 
 
+def _advised(judgement: Judgement) -> str:
+    """Return the key of the advice on the cause: a wall that never acts may be missing."""
+    walls = {f"contact {k}" for k in range(judgement.scene.n_body - 1, len(judgement.scene.contacts.left))}
+    missed = judgement.cause == "missed-contact" and judgement.where in walls
+    return "missed-wall" if missed else judgement.cause
+
+
 def _step_advice(judgement: Judgement) -> Iterator[str]:
     """Yield the step that is enough for errors of 1e-3, or that would be."""
     dt, error, largest = (judgement.step[key] for key in ("dt", "error", "largest_for"))
-    enough = largest[accuracy_key(1e-3)]
-    if dt is not None and error is not None and enough is not None:
-        yield TEXTS("enough" if error <= 1e-3 else "finer", dt=amount(enough, "s", 2))
+    step = largest[accuracy_key(ACCURACY_ADVISED)]
+    if dt is not None and error is not None and step is not None:
+        words = "enough" if error <= ACCURACY_ADVISED else "finer"
+        yield TEXTS(words, dt=amount(step, "s", 2), error=percent(ACCURACY_ADVISED))
 
 
 def _step_for(judgement: Judgement, error: float) -> float:

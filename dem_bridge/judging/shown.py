@@ -11,6 +11,7 @@ import numpy as np
 
 from dem_bridge.backends.base import versions_of
 from dem_bridge.backends.reference import SERIES
+from dem_bridge.judging.admission import every_nth
 from dem_bridge.judging.error import FileErrors, QuantityErrors
 from dem_bridge.judging.judgement import Judgement
 from dem_bridge.judging.sentences import TEXTS, file_name, lines, share, two_digits
@@ -161,7 +162,7 @@ def _figure(judgement: Judgement) -> FigureData:
         name=file.record.name,
         axis=axis,
         axes="contacts" if axis == "contact" else "bodies",
-        thinned=f" (every sample number {every} is drawn)" if every > 1 else "",
+        thinned=f" ({every_nth(every)} sample is drawn)" if every > 1 else "",
         steps=" Last: root mean square error of each quantity against the time step." if len(panels) > 2 else "",
     )
 

@@ -27,6 +27,8 @@ from dem_bridge.trajectory.trajectory import VOCABULARY, Floats, Trajectory
 SAMPLED = tuple(name for name, (_, _, axis) in VOCABULARY.items() if "time" in axis)
 #: largest difference of equal sample times, relative to the interval between samples (round-off of files)
 SAME_TIME = 1e-6
+#: difference of velocities, relative to the largest, that the order of operations makes
+ROUNDOFF_OF_VELOCITIES = 1e-12
 #: fewest samples of each run in a common interval of time for an interpolation
 FEWEST_SAMPLES = 4
 
@@ -175,6 +177,17 @@ def first_divergence(run: Trajectory, reference: Trajectory, tolerance: float) -
     if len(rows) == 0:
         return None
     return float(run.time[rows[0]]), int(np.argmax(beyond[rows[0]]))
+
+
+def explained_difference(run: Trajectory, reference: Trajectory) -> float:
+    """Return the difference of velocities that uncertainties and round-off explain, relative to the largest one.
+
+    An uncertainty that is unknown explains nothing.
+    """
+    known = [each.uncertainty.get("velocity", math.inf) for each in (run, reference)]
+    explained = sum(size for size in known if math.isfinite(size))
+    scale = float(np.max(np.abs(reference.velocity), initial=0.0))
+    return max(relative_size(explained, scale), ROUNDOFF_OF_VELOCITIES) if scale > 0.0 else ROUNDOFF_OF_VELOCITIES
 
 
 @dataclass(frozen=True, kw_only=True)

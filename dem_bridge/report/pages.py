@@ -185,9 +185,11 @@ def typeset(text: str) -> Markup:
 
     >>> str(typeset("beta_0 > 4.7e+10 N/m^1.5, to 1.1e-06 of pair_style"))
     'β<sub>0</sub> &gt; 4.7×10<sup>10</sup> N/m<sup>1.5</sup>, to 1.1×10<sup>−6</sup> of pair_style'
+    >>> str(typeset("v_max in f_exponent,mass.csv and f_one.csv"))
+    'v<sub>max</sub> in f_exponent,mass.csv and f_one.csv'
     """
     html = str(escape(text))
-    html = re.sub(r"\b(beta|[A-Za-z])_(\w+)", r"\1<sub>\2</sub>", html)
+    html = re.sub(r"\b(beta|[A-Za-z])_(\w+)(?!\S*\.[a-z])", r"\1<sub>\2</sub>", html)  # names of files stay
     html = re.sub(r"\^(\([^)]*\)|[\d.]*\d)", r"<sup>\1</sup>", html)
     html = re.sub(
         r"\b([\d.]+)e([-+]?)0*(\d+)", lambda m: f"{m[1]}×10<sup>{m[2].strip('+').replace('-', '−')}{m[3]}</sup>", html

@@ -18,7 +18,7 @@ class Seam(StrEnum):
     FILE_ERRORS = "dem_bridge.judging.judgement.file_errors"
     DIAGNOSE = "dem_bridge.judging.judgement.diagnose"
     CONVERGENCE = "dem_bridge.judging.judgement.convergence"
-    MOST_VALUES = "dem_bridge.judging.admission.MOST_VALUES"
+    MOST_VALUES = "dem_bridge.judging.admission.MOST_VALUES_OF_QUANTITY"
     # judging: the steps from a file to its cause
     SEARCH = "dem_bridge.judging.cause.Search"
     NAME_CAUSE = "dem_bridge.judging.cause.name_cause"

@@ -42,9 +42,10 @@ def settings(each: Hypothesis) -> tuple[object, ...]:
 EVERYWHERE = [
     ("stiffness-scale", "All stiffnesses are 1.5 +- 0.25 of the scene's.", WIDE, ("factor",), math.exp(0.5)),
     ("mass", "All masses are 1.5 +- 0.25 of the scene's.", WIDE, ("factor",), math.exp(0.5)),
-    ("exponent", "The exponent n differs from the scene's by 1.5 +- 0.25.",
-     ((0.0,), (0.25,), (-0.25,), (0.5,), (-0.5,)), ((-1.4, 3.0),), 0.5),
-    ("exponent", "The exponent n differs from the scene's by 1.5 +- 0.25, and all stiffnesses with it.",
+    ("exponent", "The exponent n is 1.5 +- 0.25 in place of 2.5.",
+     ((0.0,), (0.25,), (-0.25,), (0.5,), (-0.5,)), ((-1.4, 3.0),), 3.0),
+    ("exponent", "The exponent n is 1.5 +- 0.25 in place of 2.5, and stiffness over mass is 3 +- 0.5 times the number"
+     " of the scene.",
      ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0)), ((-1.4, 3.0),), 0.5),
     ("missing-sqrt-radius",
      "Stiffnesses lack sqrt(R*) in the contacts between bodies (mean factor 1.5 +- 0.25).", WIDE, (None,),
@@ -68,7 +69,7 @@ EVERYWHERE = [
 def test_the_hypotheses_of_a_chain_are_these() -> None:
     yielded = list(global_hypotheses(CHAIN, Model(CHAIN)))
     for each, (cause, sentence, starts, other, value) in zip(yielded, EVERYWHERE, strict=True):
-        assert (each.cause, each.evidence.format(1.5, 0.25), settings(each)) == (cause, sentence, other)
+        assert (each.cause, each.evidence.format(1.5, 0.25, 3.0, 0.5), settings(each)) == (cause, sentence, other)
         assert starts is None or each.starts == starts
         assert value is None or each.value(0.5) == pytest.approx(value)
         assert each.size == len(each.starts[0])
@@ -404,7 +405,9 @@ def test_times_may_be_in_units_in_which_the_scene_ends_with_the_file(end: float,
     if end == 1e10:
         scales = []
     assert [each.make(NOTHING).scale for each in yielded] == pytest.approx(scales)
-    assert [each.evidence for each in yielded] == [f"Units: times by {scale:g} give SI." for scale in scales]
+    assert [each.evidence for each in yielded] == [
+        f"Units: times are {f'{1.0 / scale:.6g} times' if scale < 1.0 else f'1/{scale:.6g} of'} SI." for scale in scales
+    ]
     assert min(POWERS_OF_UNITS) == -9
 
 
@@ -421,7 +424,7 @@ def test_values_may_be_in_units_of_a_power_of_ten(factor: float, power: int) -> 
             assert yielded == []
             continue
         (each,) = yielded
-        assert each.evidence == f"Units: {name} by {10.0**-power:g} give SI."
+        assert each.evidence == f"Units: {name} are {'1000 times' if power > 0 else '1/1000 of'} SI."
         variant = each.make(NOTHING)
         assert (variant.scale, variant.factors[place]) == (1.0, pytest.approx(10.0**power))
         assert variant.factors.count(1.0) == 2
@@ -429,7 +432,7 @@ def test_values_may_be_in_units_of_a_power_of_ten(factor: float, power: int) -> 
     data = data_of(end=1e9, values=(1e-7, 1e-4), quantities=(0, 2))
     data.exact = [np.zeros(3)] * 2
     (each,) = units_of(data)
-    assert each.evidence == "Units: times by 1e-09 and forces by 0.001 give SI."
+    assert each.evidence == "Units: times are 1e+09 times and forces are 1000 times SI."
     assert each.make(NOTHING).factors == pytest.approx((1.0, 1.0, 1e3))
 
 
@@ -471,7 +474,7 @@ def test_methods_of_first_order_have_a_step_that_is_fitted(end: float, low: floa
 
 def test_defaults_are_those_of_an_unchanged_motion() -> None:
     system: Any = "base"
-    expected = (system, 0.0, 1.0, 0.0, 0, (1.0, 1.0, 1.0), None, None, None, None)
+    expected = (system, 0.0, 1.0, 0.0, 0, (1.0, 1.0, 1.0), None, (), None, None, None)
     assert tuple(Variant(system)) == expected
     make: Callable[[Floats], Variant] = lambda p: Variant(system)  # noqa: E731
     assert settings(Hypothesis("", make, "")) == ()

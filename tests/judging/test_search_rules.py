@@ -239,6 +239,7 @@ def fitting_of(candidates: dict[int, list[Candidate]], windows: Sequence[int] = 
     """Return a search with candidates by the number of samples, and a residual of 1 for the scene."""
     search = search_of(np.linspace(0.01, 1.0, rows), start=np.ones(4))
     search.windows, search.scene, search.model = (lambda: [*windows]), None, None
+    search.missing_bodies = 0
     search.everywhere = lambda: ["everywhere"]
     search.places = lambda rows: [f"places {rows}"]
 
@@ -324,6 +325,27 @@ def test_fits_that_leave_much_are_dropped(left: dict[str, float], kept: list[str
     search.fitter.left = {name: 5.0 * value for name, value in left.items()}
     assert [each.left for each in search.finalists()] == pytest.approx([left[name] for name in kept])
     assert fitting_of({10: []}).finalists() == []
+
+
+@pytest.mark.parametrize(
+    ("size", "left", "missing", "foreign"),
+    [(0.31, 0.61, 0, True), (0.31, 0.59, 0, False), (0.29, 0.61, 0, False), (0.31, 0.61, 1, True)],
+)
+def test_a_file_that_no_fault_resembles_where_it_begins_is_searched_no_further(
+    size: float, left: float, missing: int, foreign: bool
+) -> None:
+    search = fitting_of({10: [candidate("a", 0.1)], 40: [candidate("b", left)]}, [10, 20, 40])
+    search.errors, search.missing_bodies = size * search.errors, missing
+    kept = search.finalists()
+    assert search.foreign is foreign
+    assert (kept == [] and search.fitter.fits == []) is foreign
+
+
+def test_a_file_of_some_bodies_is_not_fitted_as_a_whole_where_no_window_shows_a_fault() -> None:
+    for missing in (0, 3):
+        search = fitting_of({10: [candidate("a", 0.97)], 100: [candidate("b")]})
+        search.missing_bodies = missing
+        assert (places_of(search.finalists()), search.foreign) == (([], True) if missing else (["b"], False))
 
 
 def test_where_no_window_shows_anything_all_samples_may() -> None:

@@ -13,6 +13,7 @@ import pytest
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import Record
 from dem_bridge.judging import sentences
+from dem_bridge.judging.admission import every_nth
 from dem_bridge.judging.diagnosis import Diagnosis
 from dem_bridge.judging.error import FileErrors, QuantityErrors
 from dem_bridge.judging.judgement import Addition, Judgement, judge_records
@@ -337,9 +338,9 @@ def test_a_long_map_is_thinned_and_five_files_have_lines() -> None:
         data: Any = figure.panels[0].map
         assert len(data.y) == len(data.values) == -(-rows // every)
         assert len(figure.panels[1].series[0].x) == rows
-        text = f" (every sample number {every} is drawn)"
+        text = f" ({every_nth(every)} sample is drawn)"
         assert (text in figure.caption) is (every > 1)
-        assert ("every sample" in figure.caption) is (every > 1)
+        assert ("is drawn" in figure.caption) is (every > 1)
     files = [file_of(part(ERROR), name=f"f{k}", dt=1e-6 * (k + 1)) for k in range(6)]
     files[1] = file_of(part(ERROR, name="displacement"), name="f1", dt=2e-6)
     lines = judgement_of(*files).study.figures[0].panels[1].series
@@ -586,7 +587,7 @@ def test_large_files_are_thinned(monkeypatch: pytest.MonkeyPatch, most: int, eve
     plant(monkeypatch, Seam.MOST_VALUES, most)
     judged, notes = usable(plain(1e-6 * np.arange(10.0), columns=2))
     assert judged.values["velocity"][:, 0].tolist() == list(range(0, 10, every))
-    assert notes == ([f"f: every sample number {every} of 10 is judged."] if every > 1 else [])
+    assert notes == ([f"f: {every_nth(every)} of 10 samples is judged."] if every > 1 else [])
 
 
 @pytest.mark.usefixtures("diagnosis")
@@ -653,7 +654,7 @@ def test_files_in_another_unit_of_time_are_judged_in_it(diagnosis: list[Diagnosi
     assert judgement.alternative_causes == (["time-scale"] if cause == "none" else [])
     assert judgement.alternatives == (["or: all times are to be multiplied by 0.001 (time-scale)"] * (cause == "none"))
     rest = "time step and digits explain the difference." if cause == "none" else "Units differ."
-    assert judgement.evidence == f"Times are 1000 times too large. In a unit of 0.001 s: {rest}"
+    assert judgement.evidence == f"The times are in ms (1000 times SI). With times in s: {rest}"
     assert judgement.recognised == ["The errors are those of the files with times in a unit of 0.001 s."]
 
 

@@ -129,7 +129,7 @@ def test_the_length_of_a_run_and_its_dump_change_no_cause(
 
 RIGHT = Answer(
     outcome="PASS", cause="none", alternatives=[], error=8.5e-3, floor=1e-13,
-    next="Nothing is to be mended. For errors of 1e-3 write a step of 1.7 µs.",
+    next="For an error of 0.1 % write a step of 1.7 µs.",
     step="5 µs makes an error of 0.0085 of the largest velocity; for 1e-2, 1e-3 and 1e-4 at most 5.4 µs, 1.7 µs"
     " and 540 ns",
     limits={"time step": 8.5e-3, "particle radius": 1e-12, "neither time step nor radius": 0.0, "own dump": math.nan},

@@ -13,7 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.differences import Readings, at_common_times, compare_runs, difference, first_divergence
+from dem_bridge.observables.differences import (
+    Readings,
+    at_common_times,
+    compare_runs,
+    difference,
+    explained_difference,
+    first_divergence,
+)
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from tests.helpers.fake_runs import free_flight, uncertain
@@ -140,6 +147,20 @@ def test_the_first_divergence_is_the_first_sample_beyond_the_tolerance() -> None
     assert first_divergence(run, reference, 0.01) == (0.5, 1)
     assert first_divergence(run, reference, 0.02) == (1.0, 0)
     assert first_divergence(run, reference, 0.5) is None
+
+
+def test_a_difference_within_both_uncertainties_is_no_divergence() -> None:
+    reference = free_flight()  # the largest velocity is 3 m/s
+    # a trace ahead of the front, far below the round-off, and then a difference beyond the uncertainties
+    run = _changed(_changed(reference, "velocity", (1, 2), 5.6e-18), "velocity", (3, 1), 1e-3)
+    first, second = (
+        replace(each, uncertainty=uncertain(velocity=size)) for each, size in ((run, 3e-6), (reference, 6e-6))
+    )
+    assert explained_difference(first, second) == pytest.approx(3e-6)
+    assert compare_runs(first, second, explained_difference(first, second)).divergence == (0.75, 1)
+    unknown = replace(reference, uncertainty=uncertain(velocity=math.inf))
+    assert explained_difference(unknown, unknown) == 1e-12
+    assert compare_runs(run, unknown, 1e-12).divergence == (0.75, 1)
 
 
 def test_a_divergence_exactly_at_the_tolerance_is_none() -> None:
