@@ -1,6 +1,8 @@
-# One environment for everything; it is made once and made again only when the project's own files change.
+# One environment for everything. It is made once, with what the package itself needs; the first target for developers
+# adds their tools. Both are installed again only when the project's own files change.
 PYTHON ?= python3
 VENV   := .venv
+CORE   := $(VENV)/.installed-core
 STAMP  := $(VENV)/.installed
 BIN    := $(VENV)/bin
 PYTEST := -n auto
@@ -12,13 +14,18 @@ unexport PYTHONDONTWRITEBYTECODE
 
 setup: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt
+# no bytecode is made beforehand: most of it is of modules that are never imported
+$(CORE): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if v >= (3, 11) else f"dem_bridge needs Python 3.11 or newer, found {v[0]}.{v[1]}; name one with: make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e .
+	@touch $(CORE)
+
+$(STAMP): $(CORE)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[dev]'
 	@touch $(STAMP)
 
-verify: $(STAMP)
+verify: $(CORE)
 	$(BIN)/dem-bridge verify paper -o reports/latest
 
 # the suite for every commit: tests marked "slow" are left to test-all; kernels are compiled once and not by each process

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 import click
@@ -117,6 +118,21 @@ def test_every_make_target_in_the_readme_exists() -> None:
     targets = re.findall(r"^make ([\w-]+)|`make ([\w-]+)`", readme, re.MULTILINE)
     assert len(targets) == 4
     assert [target for target in map("".join, targets) if f"\n{target}:" not in makefile] == []
+
+
+def test_verify_installs_the_package_and_test_adds_the_tools(tmp_path: Path) -> None:
+    for name in ("Makefile", "pyproject.toml", "constraints.txt"):
+        (tmp_path / name).write_bytes((ROOT / name).read_bytes())
+
+    def installed(target: str) -> list[str]:
+        done = subprocess.run(["make", "-n", target], cwd=tmp_path, capture_output=True, text=True, check=True)
+        return re.findall(r"pip install .* -e '?(\.\S*?)'?$", done.stdout, re.MULTILINE)
+
+    assert (installed("verify"), installed("test")) == (["."], [".", ".[dev]"])
+    (tmp_path / ".venv").mkdir()
+    for stamp in (".installed-core", ".installed"):
+        (tmp_path / ".venv" / stamp).touch()
+    assert installed("test") == installed("verify") == []
 
 
 @pytest.mark.lammps
