@@ -130,8 +130,14 @@ def name_pair(search: Search, none: Fit) -> Diagnosis | None:
 
 
 def _name(hypothesis: Hypothesis) -> tuple[str, str]:
-    """Return what a hypothesis says of the cause: factors on all masses and on all stiffnesses are nearly one."""
-    return (hypothesis.family if hypothesis.family == "factor" else hypothesis.cause, hypothesis.where)
+    """Return what a hypothesis says of the cause: factors on masses, stiffnesses and times are nearly one.
+
+    So are velocities of half a step and methods of first order.
+    """
+    if hypothesis.family == "factor" or hypothesis.cause == "time-scale":
+        return "factor", ""
+    one = hypothesis.cause in ("half-step-velocity", "first-order-integrator")
+    return "half-step-velocity" if one else hypothesis.cause, hypothesis.where
 
 
 def _complexity(pair: Pair) -> tuple[int, int, int]:
