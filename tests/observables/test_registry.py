@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.units import UNITS
 from dem_bridge.observables.errors import read, relative_to
-from dem_bridge.observables.observable import AXES, Observable
+from dem_bridge.observables.observable import AXES, Observable, of_run
 from dem_bridge.observables.registry import OBSERVABLES, observable_named, register
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Scene, Wall
@@ -242,3 +242,15 @@ def test_the_observables_of_the_package_stand_first_in_the_order_of_tables() -> 
 def test_a_name_or_an_axis_that_is_none_is_refused(name: str, axis: tuple[str, ...]) -> None:
     with pytest.raises(ValueError, match=f"observable '{name}'"):
         replace(OBSERVABLES["velocity"], name=name, axis=axis)
+
+
+def test_what_a_run_alone_has_is_measured_without_its_scene() -> None:
+    run = free_flight()
+
+    def value(scene: None, given: Trajectory) -> Floats:
+        assert scene is None
+        return 2.0 * given.time
+
+    measured = of_run(value, lambda scene, given: 3.0 * given.time)(CROSSED, run)
+    assert np.array_equal(measured.values, 2.0 * run.time)
+    assert np.array_equal(measured.uncertainty, 3.0 * run.time)
