@@ -229,8 +229,8 @@ def test_two_runs_from_the_same_drive_are_the_same_bits_and_a_silent_drive_is_no
             db.solve(scene, backend=name, uncertainty=False) for scene in (silent, silent, replace(silent, drive=None))
         )
         np.testing.assert_array_equal(one.velocity, again.velocity)
-        # a driven scene takes scipy's own steps, one without a drive compiled ones, whose sums are in another order: some
-        # 1e3 steps of 12 stages, each a few 1e-16 away
+        # a driven scene takes scipy's own steps, one without a drive compiled ones, whose sums are in another order:
+        # some 1e3 steps of 12 stages, each a few 1e-16 away
         away = 1e-11 * np.max(np.abs(other.velocity)) if name == "scipy" else 0.0
         np.testing.assert_allclose(one.velocity, other.velocity, rtol=0.0, atol=away)
 
