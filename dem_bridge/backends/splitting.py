@@ -7,6 +7,7 @@ all is Hertz's law alone :mod:`.fused` does the same bit for bit, several times 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from operator import call
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from dem_bridge.backends.driven import Driven, driven_of, driving_force
 from dem_bridge.backends.fused import PADDING, advance
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.steps import Dense, check_finite, read_off, touching_in_flight
-from dem_bridge.foundation.compiled import Floats, Ints, Kernel, interruptible, kernel
+from dem_bridge.foundation.compiled import Floats, Ints, interruptible, kernel
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.lmp.cell import pair_force
 from dem_bridge.scene import features
@@ -183,8 +184,8 @@ def run_kernel(
         # the walls' own: where there is none nothing is pressed
         start[0], start[n + 1 :] = (np.sum(wall[side]) for side in (c.left == n, c.right == n))
     # a thread takes 0.1 ms to start, as long as the solves of a search take
-    call = interruptible if plan.steps * n > _SHORT else Kernel.__call__
-    kept, top, farthest, where, sides = call(
+    run = interruptible if plan.steps * n > _SHORT else call
+    kept, top, farthest, where, sides = run(
         advance,
         n,
         first,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -389,7 +391,7 @@ def _damping(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
                 f"Contacts are damped ({name}, {'clipped' if clipped else 'not clipped'}, constant {{0:.6g}}"
                 " +- {1:.2g}).",
                 ((0.0,), (1.0,), (0.1,), (10.0,)),
-                value=lambda p, unit=unit: unit * p,  # type: ignore[misc]
+                value=partial(operator.mul, unit),
                 probe=None if base.damped else 1e-2,
                 reach=100.0,
                 bounds=(0.0, 400.0),

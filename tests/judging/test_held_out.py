@@ -156,7 +156,12 @@ def test_a_file_of_another_scene_is_asked_for_its_scene_without_a_search_for_pai
     )  # fmt: skip
     fits = []
     own = search_module.Search.fits
-    monkeypatch.setattr(search_module.Search, "fits", lambda search: fits.append(search) or own(search))
+
+    def counted(search: search_module.Search) -> Any:
+        fits.append(search)
+        return own(search)
+
+    monkeypatch.setattr(search_module.Search, "fits", counted)
     judgement = db.judge(replace(RIGHT, walls=(9e9, 7e9)).write(tmp_path / "other.csv"), scene)
     assert (judgement.outcome, judgement.exit_code) == ("UNDECIDED", 4)
     outcome = " ".join(str(judgement).split("next")[0].split())

@@ -17,7 +17,7 @@ from dem_bridge.backends.scales import natural_scales
 from dem_bridge.backends.scipy_dop853 import ScipyDop853
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.physics.touch import touch_coefficient
-from dem_bridge.report.study import FigureData, Series, Study
+from dem_bridge.report.study import FigureData, Series, Study, Table
 from dem_bridge.runs.campaign import Jobs, Progress, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.recall import recall
@@ -207,20 +207,25 @@ def study_order(
     return TEXTS.study(
         {"scene": scene.name, "bar": bar, **limits},
         answer=tuple(answer),
-        tables=(
-            TEXTS.table("orders", ORDERS_COLUMNS, map(_pair_row, pairs.values())),
-            TEXTS.table("chain-orders", CHAIN_ORDERS_COLUMNS, map(_chain_row, chains), **limits),
-            TEXTS.table("conditioning", CONDITIONING_COLUMNS, numbers),
-            TEXTS.table(
-                "tolerances",
-                TOLERANCES_COLUMNS,
-                ((TEXTS(row.name), row.tolerance, row.error, row.evaluations) for row in rows),
-            ),
-        ),
+        tables=tuple(_tables(pairs, chains, numbers, rows, limits)),
         figures=(_touch_figure(pairs, laws), _chain_figure(scene, chains), _tolerance_figure(scene, rows)),
         verdicts=verdicts,
         provenance={"scene": scene.name, "scene_hash": scene.content_hash},
     )
+
+
+def _tables(
+    pairs: Mapping[str, PairErrors],
+    chains: Sequence[ChainErrors],
+    numbers: Sequence[ConditionNumber],
+    rows: Sequence[Row],
+    limits: Mapping[str, Any],
+) -> Iterator[Table]:
+    yield TEXTS.table("orders", ORDERS_COLUMNS, map(_pair_row, pairs.values()))
+    yield TEXTS.table("chain-orders", CHAIN_ORDERS_COLUMNS, map(_chain_row, chains), **limits)
+    yield TEXTS.table("conditioning", CONDITIONING_COLUMNS, numbers)
+    errors = ((TEXTS(row.name), row.tolerance, row.error, row.evaluations) for row in rows)
+    yield TEXTS.table("tolerances", TOLERANCES_COLUMNS, errors)
 
 
 def _pairs() -> dict[str, PairErrors]:
