@@ -205,6 +205,7 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
             "click",
             {
                 "cli.check",
+                "cli.compiling",
                 "cli.demo",
                 "cli.files",
                 "cli.group",

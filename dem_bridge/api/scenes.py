@@ -167,7 +167,8 @@ def scene_from_deck(
 
 def deck_read(path: Path, *, files_below: str | Path | None = None, **settings: Any) -> ReadDeck:
     """Return the scene of a LAMMPS input script, as :func:`scene_from_deck`, with notes on how it was read."""
-    from dem_bridge.lmp.opening import files_of, is_script
+    from dem_bridge.foundation.scripts import is_script
+    from dem_bridge.lmp.opening import files_of
     from dem_bridge.lmp.reader.scene import read_deck
 
     kind = "a LAMMPS input script"

@@ -11,6 +11,7 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import terminal
+from dem_bridge.cli.compiling import announce_compiling
 from dem_bridge.cli.options import ACCURACY, AS_JSON, DT, FOLDER, LAMMPS, TIME_LIMIT, VARIABLES
 from dem_bridge.cli.parameters import Argument, make_command, print_json
 from dem_bridge.foundation.files import check_report_folder
@@ -57,5 +58,6 @@ def check(file: str, as_json: bool = False, folder: Path | None = None, **settin
 
 def _announce(file: str, cost: float | None) -> None:
     """Print on stderr what a check costs."""
+    announce_compiling("taylor")
     takes = "a few runs of LAMMPS" if cost is None else f"about {max(1.0, cost):.0f} s of CPU time"
     click.echo(f"dem-bridge: check of {file}: {takes}", err=True)

@@ -15,6 +15,7 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import terminal
+from dem_bridge.cli.compiling import announce_compiling
 from dem_bridge.cli.options import DT_OF_FILE, FOLDER, LAMMPS, SCENE_OF_FILE, UNITS
 from dem_bridge.cli.parameters import Argument, Option, make_command
 from dem_bridge.cli.values import scene_names
@@ -31,8 +32,6 @@ _WIDTH = 80
 _DRAWN_BY, _STEP_OF_CONTACT_TIME = ("verlet", "reference", "scipy"), 1.0 / 50.0
 #: colours of the shades of a map
 _TINTS = {"░": "blue", "▒": "cyan", "▓": "green", "█": "yellow"}
-#: how long the first call takes at least on two cores, where kernels are compiled, s
-_SECONDS_OF_COMPILING = 30
 
 
 @make_command(
@@ -56,8 +55,7 @@ def demo(show_page: bool, folder: Path | None = None, **settings: Any) -> None:
     """
     if folder is not None:
         check_report_folder(folder)
-    if words := _words_on_kernels():
-        click.echo(f"dem-bridge: {words}", err=True)
+    announce_compiling("taylor")
     with terminal.bar(label="LAMMPS, its twin and the reference solve a chain") as tell:
         from dem_bridge.lmp.engine import Engine
         from dem_bridge.verification.demo import demonstrate
@@ -87,6 +85,8 @@ def show(drawn: str, scene: str | None = None, **settings: Any) -> None:
     """
     path = Path(drawn)
     is_run = path.is_file() and path.suffix.lower() != ".toml"
+    if not is_run:
+        announce_compiling()
     with terminal.fraction(f"{drawn} is {'read' if is_run else 'solved for the drawing'}"):
         from dem_bridge.report.chain_text import Canvas, chain_lines, front_sentences, motion_lines
 
@@ -150,15 +150,6 @@ def _tinted(line: str) -> str:
     if not sys.stdout.isatty() or os.environ.get("NO_COLOR"):
         return line
     return re.sub("░+|▒+|▓+|█+", lambda found: click.style(found[0], fg=_TINTS[found[0][0]]), line)
-
-
-def _words_on_kernels() -> str:
-    """Return what is to be said where kernels must be compiled first; empty where they are on disk."""
-    from dem_bridge.foundation.kernel_folders import folders_to_read
-
-    if any(next(folder.glob("*taylor*"), None) for folder in folders_to_read()):
-        return ""
-    return f"kernels are compiled first, once on this machine: about {_SECONDS_OF_COMPILING} s"
 
 
 def _has_display() -> bool:

@@ -11,6 +11,7 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import options, terminal, values
+from dem_bridge.cli.compiling import announce_compiling
 from dem_bridge.cli.parameters import (
     ACCURACIES,
     NOT_NEGATIVE,
@@ -333,6 +334,7 @@ def judge(
         settings["dt"] = steps[0]
     if "variables" in settings:
         settings["variables"] = dict(settings["variables"])
+    announce_compiling("taylor")
     with terminal.bar(label=f"the reference solution of {scene}, and fits to {', '.join(files) or 'the runs'}"):
         from dem_bridge.judging.sentences import COLUMNS_OF_NAMES, notes_of, text_of
 

@@ -19,6 +19,7 @@ import click
 import dem_bridge
 from dem_bridge.cli import options, terminal
 from dem_bridge.cli.check import check
+from dem_bridge.cli.compiling import announce_compiling
 from dem_bridge.cli.demo import demo, show
 from dem_bridge.cli.files import compare, convert, export, judge
 from dem_bridge.cli.parameters import POSITIVE, Option, check_new, make_command, print_json
@@ -183,6 +184,7 @@ def verify(
     for file in (json_file, junit_file):
         if file is not None:
             check_new(file, force)
+    announce_compiling("taylor", silent=json_progress)
     with terminal.bar(json_progress, label="the steps of the runs are chosen") as progress:
         verification = dem_bridge.verify(list(scenes) or None, folder=folder, progress=progress, **settings)
     if json_file is not None:
@@ -221,6 +223,7 @@ def plan(
 
     The settings are those of the cheapest backend, or of one backend. Runs check them.
     """
+    announce_compiling(silent=json_progress)
     with terminal.bar(json_progress, label=f"{scene}: the cheapest settings for {accuracy:g}") as progress:
         answer = dem_bridge.plan(scene, accuracy, progress=progress, **settings)
     if as_json:

@@ -11,8 +11,10 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import options, terminal
+from dem_bridge.cli.compiling import announce_compiling
 from dem_bridge.cli.parameters import POSITIVE, Option, check_output, make_command, print_json
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.words import share
 
 if TYPE_CHECKING:
     from dem_bridge.scene.scene import Scene
@@ -76,7 +78,9 @@ def run(
 
             check_output(scene, output, force)
             format_of(output)
-        result = dem_bridge.solve(scene, backend=backend, **settings)
+        known = dem_bridge.load_scene(scene)
+        announce_compiling()
+        result = dem_bridge.solve(known, backend=backend, **settings)
     warn_of_engine(result)
     _warn_of_error(scene, result)
     if output is not None:
@@ -89,7 +93,7 @@ def run(
         terminal.print_entry(
             "cheapest backend", f"{summary['backend']} (for the reasons: dem-bridge plan)", _COLUMNS_OF_NAMES
         )
-    for name, text in (*_summary_lines(summary), *_step_lines(dem_bridge.load_scene(scene), result, summary)):
+    for name, text in (*_summary_lines(summary), *_step_lines(known, result, summary)):
         terminal.print_entry(name, text, _COLUMNS_OF_NAMES)
     if output is not None:
         terminal.print_entry("written", str(output), _COLUMNS_OF_NAMES)
@@ -100,10 +104,10 @@ def _warn_of_error(scene: str, run: Trajectory) -> None:
     largest = float(abs(run.velocity).max(initial=0.0))
     error = float(run.uncertainty["velocity"])
     if _LARGEST_ERROR_WITHOUT_WARNING * largest < error < float("inf"):
+        size = f"{'at most ' if error <= largest else ''}{share(error / largest)}"
         click.echo(
-            f"dem-bridge: warning: {run.provenance['scene']}: velocities may be wrong by {error / largest:.0%} of the"
-            f" largest; for better settings: dem-bridge plan {scene} --accuracy 1e-3 --backend"
-            f" {run.provenance['backend']}",
+            f"dem-bridge: warning: {run.provenance['scene']}: velocities may be wrong by {size} of the largest; for"
+            f" better settings: dem-bridge plan {scene} --accuracy 1e-3 --backend {run.provenance['backend']}",
             err=True,
         )
 

@@ -17,6 +17,7 @@ import click
 import dem_bridge
 from dem_bridge.api.guests import STUDIES, study_named, study_names
 from dem_bridge.cli import terminal
+from dem_bridge.cli.compiling import announce_compiling
 from dem_bridge.cli.options import (
     AS_JSON,
     CLUSTER,
@@ -133,6 +134,7 @@ def _answer(
 ) -> None:
     """Run a study, show it, and end with its exit code; settings that were not given are left to the study."""
     chosen = {key: value for key, value in settings.items() if value is not None and value != ()}
+    announce_compiling(silent=json_progress)
     with terminal.bar(json_progress, label=f"study {name}") as progress:
         result = dem_bridge.study(name, folder=folder, progress=progress, **chosen)
     if as_json:

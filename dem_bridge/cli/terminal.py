@@ -85,7 +85,7 @@ def print_plan(plan: Plan, scene: str, verbose: bool = False) -> None:
     for reason in plan.reasons if verbose else ():
         _say(f"reason: {reason}")
     if plan.reasons and not verbose:
-        _say(f"{len(plan.reasons)} reasons (-v prints them)")
+        _say(f"reasons for these settings: {len(plan.reasons)} lines (-v prints them)")
     settings = ", ".join(f"{key} = {value}" for key, value in plan.resolution.items()) or "default settings"
 
     def numbers(error: float | None, cost: float | None) -> str:

@@ -8,27 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dem_bridge.foundation.files import named_file, text_of_file
+from dem_bridge.foundation.scripts import is_script
 
-_STYLES = "index|loop|string|equal|atom|atomfile|format|internal|delete|universe|world|uloop|getenv|file|vector"
-#: a line that begins as a command of LAMMPS
-_COMMAND = re.compile(
-    rf"""^[ \t]*(?:
-    (?:units|atom_style|pair_style|bond_style|run_style|pair_coeff|read_data|read_restart|create_box|create_atoms
-       |timestep|thermo|thermo_style|thermo_modify|neighbor|neigh_modify|comm_modify|newton|dimension|lattice|run|include
-       |unfix|dump|compute|reset_timestep|hard_particles|communicate|atom_modify)[ \t]+\S
-    |boundary[ \t]+[pfsm]{{1,2}}[ \t] |(?:fix|region|velocity|mass)[ \t]+\S+[ \t]+\S |group[ \t]+\S+[ \t]+[a-z]
-    |variable[ \t]+\w+[ \t]+(?:{_STYLES})\b |set[ \t]+(?:atom|type|group|region)\b |jump[ \t]+SELF )""",
-    re.MULTILINE | re.VERBOSE,
-)
 #: the number of atoms that a data file declares
 _DATA = re.compile(r"^[ \t]*\d+[ \t]+atoms\b", re.MULTILINE)
 #: a line of numbers without its comment
 _NUMBERS = re.compile(r"[-+.\deE \t]*")
-
-
-def is_script(text: str) -> bool:
-    """Return True if a line of a text begins as a command of LAMMPS."""
-    return _COMMAND.search(text) is not None
 
 
 def files_of(folder: Path, files_below: str | Path | None = None) -> Callable[[str], str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,7 @@ def test_a_plan_says_what_to_run_and_why(tmp_path: Path) -> None:
     (command,) = (line for line in done.stdout.splitlines() if line.startswith("command"))
     words = command.split("dem-bridge ")[1].split()
     assert words[:4] == ["run", "small.toml", "--backend", "lammps-granular"]
+    assert re.search(r"^reasons for these settings: \d+ lines", done.stdout, re.MULTILINE)
     # the command is last, and reasons are printed where they are asked for
     assert done.stdout.splitlines()[-1] == command
     assert max(len(line) for line in done.stdout.splitlines() if line != command) <= 80

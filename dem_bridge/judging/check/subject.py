@@ -121,7 +121,7 @@ def subject_of(
         if dt is not None:
             raise UsageError(
                 f"{file} is an input script, which has its own time step; leave out --dt {dt:g}, or write the step as a"
-                " variable and give it by --var"
+                f" variable and give it by --var, such as --var dt={dt:g}"
             )
         yield _script(path, variables)
         return

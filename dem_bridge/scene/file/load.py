@@ -22,6 +22,7 @@ from pydantic import BaseModel, ValidationError
 from dem_bridge.errors import SceneError, UsageError, meant
 from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.foundation.files import text_of_file
+from dem_bridge.foundation.scripts import is_script
 from dem_bridge.scene.file.body_forms import CylinderScene, PatternScene, SphereScene
 from dem_bridge.scene.file.drive import with_force_of_file
 from dem_bridge.scene.file.forms import Environment, RawScene
@@ -169,6 +170,13 @@ def _parse_form(text: str, where: str, folder: Path, files_below: str | Path | N
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
+        if is_script(text):
+            advice = (
+                f"write dem-bridge check {where}, or make a scene of it: dem-bridge import deck {where} -o FILE.toml"
+            )
+            raise SceneError(
+                "", problem="this is a LAMMPS script", allowed="a scene file", advice=advice, where=where
+            ) from error
         raise SceneError("", problem=f"is not TOML: {error}", allowed="TOML 1.0", where=where) from error
     if (schema := table.pop("schema", SCHEMA)) != SCHEMA:
         advice = advice_on_schema(schema, SCHEMA)

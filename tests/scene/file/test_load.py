@@ -701,6 +701,14 @@ def test_broken_toml_is_named_with_its_line(number: int, line: str) -> None:
     assert f"line {number}" in message
 
 
+def test_a_lammps_script_is_named_with_the_commands_that_read_it() -> None:
+    message = _refusal("units si\natom_style sphere\n")
+    assert "this is a LAMMPS script" in message
+    assert "dem-bridge check " in message
+    # an entry of a broken scene file is no command, though its key is one
+    assert "is not TOML" in _refusal("velocity = [0.8, 0.0]\nx = = 1\n")
+
+
 def test_an_empty_file_is_refused() -> None:
     assert "name is missing" in _refusal("")
 
