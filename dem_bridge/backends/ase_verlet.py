@@ -103,37 +103,53 @@ def chain_calculator(scene: Scene) -> Any:
     """
     from ase.calculators.calculator import Calculator
 
+    contacts, bodies = scene.contacts, scene.n_body
+    # along the line: place 0 is the left wall, then come the bodies and the right wall; contact k of the line is
+    # between the places k and k + 1, and a wall that is not there is infinitely far away
+    place = np.where(contacts.left == bodies, 0, contacts.left + 1)
+    gap, stiffness, power = np.full(bodies + 1, np.inf), np.zeros(bodies + 1), np.ones(bodies + 1)
+    gap[place], stiffness[place], power[place] = contacts.gap, contacts.stiffness, contacts.exponent - 1.0
+    hertz, weight = bool(np.all(power[place] == 1.5)), scene.steady_force
+
     class Chain(Calculator):  # made here, so that the package can be imported without ASE
         def __init__(self) -> None:
             super().__init__()  # type: ignore[no-untyped-call]
             self.implemented_properties = ["forces"]
-            self.contacts, self.evaluations = scene.contacts, 0
-            self.weight = scene.steady_force
-            self.power = self.contacts.exponent - 1.0
-            self.hertz = bool(np.all(self.power == 1.5))
-            self.seen: NDArray[np.float64] | None = None
+            self.evaluations, self.seen = 0, b""
+            self.line, self.depth, self.law = np.zeros(bodies + 2), np.zeros(bodies + 1), np.zeros(bodies + 1)
+            self.forces = np.zeros((bodies, 3))
+
+        @property
+        def overlap(self) -> NDArray[np.float64]:
+            return self.depth[place]
+
+        @property
+        def contact_force(self) -> NDArray[np.float64]:
+            return self.law[place]
 
         def check_state(self, atoms: Any, tol: float = 0.0) -> list[str]:
             # ASE takes positions within 1e-15 for the same and answers with the forces of before: in metres that is
-            # motion, so only equal positions are the same
-            same = self.seen is not None and np.array_equal(self.seen, atoms.arrays["positions"])
-            return [] if same else ["positions"]
+            # motion, so only equal positions are the same. ASE asks three times a step; bytes compare soonest
+            return [] if atoms.arrays["positions"].tobytes() == self.seen else ["positions"]
 
         def calculate(self, atoms: Any = None, properties: Any = ("forces",), system_changes: Any = ()) -> None:
             # Calculator.calculate would copy the Atoms and look for a folder, at each step
-            self.seen = atoms.arrays["positions"].copy()
-            x = np.append(self.seen[:, 0], 0.0)  # the last: a wall
-            self.overlap = x[self.contacts.left] - x[self.contacts.right] - self.contacts.gap
-            pressed = np.maximum(self.overlap, 0.0)
-            law = pressed * np.sqrt(pressed) if self.hertz else pressed**self.power
-            self.contact_force = self.contacts.stiffness * law
-            net = np.zeros(len(x))
-            # no body is twice on the same side of a contact
-            net[self.contacts.left] -= self.contact_force
-            net[self.contacts.right] += self.contact_force
-            forces = np.zeros_like(self.seen)
-            forces[:, 0] = net[:-1] + self.weight
-            self.results = {"forces": forces}
+            positions = atoms.arrays["positions"]
+            self.seen = positions.tobytes()
+            line, depth, law = self.line, self.depth, self.law
+            line[1:-1] = positions[:, 0]
+            np.subtract(line[:-1], line[1:], out=depth)
+            np.subtract(depth, gap, out=depth)
+            pressed = np.maximum(depth, 0.0)
+            if hertz:
+                np.sqrt(pressed, out=law)
+                np.multiply(law, pressed, out=law)
+            else:
+                np.power(pressed, power, out=law)
+            np.multiply(law, stiffness, out=law)
+            net = law[:-1] - law[1:]
+            np.add(net, weight, out=self.forces[:, 0])
+            self.results = {"forces": self.forces}  # ASE hands out copies
             self.evaluations += 1
 
     return Chain()

@@ -105,7 +105,7 @@ def test_the_start_is_the_scenes_to_the_last_digit_though_momenta_round_it() -> 
 
 
 def test_the_bars_hold(free_chain: Truth, solved: Solve) -> None:
-    # the first 0.3 ms: what is slow here is Python, 45 us a step
+    # the first 0.3 ms: what is slow here is Python, 25 us a step
     scene = replace(free_chain.scene, duration=3e-4, samples=50)
     run, reference = solved(scene, "ase", dt=1e-7), solved(scene, "reference")
     for quantity, bar in run.uncertainty.items():
