@@ -120,10 +120,16 @@ def _launch(
     # a trial step may compress contacts beyond the available energy; at a high n its force would overflow
     deepest = 1.1 * (0.5 * (power + 1.0) * mass_ratio / beta) ** (1.0 / (power + 1.0))
 
+    overlap, force = np.zeros(links), np.zeros(links + 2)  # no force on the outer sides of the two ends
+
     def motion(_: float, state: Floats) -> Floats:
-        x, v = state[: links + 1], state[links + 1 :]
-        force = beta * np.clip(x[:-1] - x[1:], 0.0, deepest) ** power
-        return np.concatenate([v, -np.diff(force, prepend=0.0, append=0.0) / mass])
+        slope = np.empty(2 * links + 2)  # scipy keeps it
+        slope[: links + 1] = state[links + 1 :]
+        np.subtract(state[:links], state[1 : links + 1], out=overlap)
+        np.minimum(np.maximum(overlap, 0.0, out=overlap), deepest, out=overlap)
+        np.multiply(beta, np.power(overlap, power, out=overlap), out=force[1:-1])
+        np.divide(force[:-1] - force[1:], mass, out=slope[links + 1 :])
+        return slope
 
     def passed(_: float, state: Floats) -> float:
         """Return a value that falls through zero at the largest overlap of contact ``formed + 1``.
