@@ -35,7 +35,6 @@ from dem_bridge.runs.planning.answer import Plan as Plan
 from dem_bridge.scene import features as features
 from dem_bridge.scene.drive import Drive as Drive
 from dem_bridge.scene.file import load_scene as load_scene
-from dem_bridge.scene.file import shipped_scenes as shipped_scenes
 from dem_bridge.scene.file.bodies import chain as chain
 from dem_bridge.scene.geometry import Body as Body
 from dem_bridge.scene.geometry import Geometry as Geometry
@@ -44,6 +43,7 @@ from dem_bridge.scene.scene import Adhesion as Adhesion
 from dem_bridge.scene.scene import Damping as Damping
 from dem_bridge.scene.scene import Scene as Scene
 from dem_bridge.scene.scene import Wall as Wall
+from dem_bridge.scene.shipped import shipped_scenes as shipped_scenes
 from dem_bridge.trajectory.trajectory import Trajectory as Trajectory
 from dem_bridge.trajectory.trajectory import load_trajectory as load_trajectory
 from dem_bridge.verification.verification import Verification as Verification

@@ -236,6 +236,7 @@ def test_only_scene_files_defects_and_texts_of_studies_are_parsed() -> None:
         "lmp.known_defects",
         "scene.file.load",
         "scene.file.text",
+        "scene.shipped",
         "report.texts",
         "studies.extremes.catalogue",
     }

@@ -106,10 +106,12 @@ def main(ctx: click.Context, files_below: Path | None) -> None:
 @make_command("scenes", options.AS_JSON)
 def scenes(as_json: bool) -> None:
     """List the shipped scenes."""
-    shipped = [dem_bridge.load_scene(name) for name in dem_bridge.shipped_scenes("all")]
     if not as_json:
-        terminal.print_scenes(shipped)
+        from dem_bridge.scene.shipped import listed_scenes
+
+        terminal.print_scenes(listed_scenes())
         return
+    shipped = [dem_bridge.load_scene(name) for name in dem_bridge.shipped_scenes("all")]
     fields = {"name": "name", "bodies": "n_body", "contacts": "n_contact", "duration": "duration"}
     fields |= {"description": "description", "hash": "content_hash"}
     print_json([{key: getattr(scene, field) for key, field in fields.items()} for scene in shipped])

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dem_bridge.observables.verdict import Verdict
     from dem_bridge.report.study import Study, Table
     from dem_bridge.runs.planning.answer import Plan
-    from dem_bridge.scene.scene import Scene
+    from dem_bridge.scene.shipped import ListedScene
     from dem_bridge.verification.verification import Verification
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
@@ -67,7 +67,7 @@ def _cell(value: str | float) -> str:
     return _coloured(value) if isinstance(value, str) and value in _OUTCOMES else escape(_plain(value))
 
 
-def print_scenes(scenes: list[Scene]) -> None:
+def print_scenes(scenes: Sequence[ListedScene]) -> None:
     """Print a line per scene; on a terminal the description is wrapped to the width."""
     name = max(len(scene.name) for scene in scenes)
     width = columns()

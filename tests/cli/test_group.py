@@ -18,15 +18,17 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.cli.terminal import print_scenes
+from dem_bridge.scene.shipped import listed_scenes
 from tests.helpers.command_line import PROGRAM, assert_one_line, run_here, run_program
 from tests.helpers.export_chains import CROSSED_FILE
 from tests.helpers.fake_runs import CHAIN
 
 
-def test_help_needs_no_numpy(tmp_path: Path) -> None:
+@pytest.mark.parametrize("word", ["--help", "scenes"])
+def test_help_and_the_list_of_scenes_need_no_numpy(word: str, tmp_path: Path) -> None:
     code = (
         "import sys; from dem_bridge.cli import main\n"
-        "try: main(['--help'])\n"
+        f"try: main(['{word}'])\n"
         "except SystemExit: pass\n"
         "heavy = {'numpy', 'scipy', 'numba', 'rich', 'pydantic', 'matplotlib'} & set(sys.modules)\n"
         "sys.exit(f'imported {heavy}' if heavy else 0)"
@@ -93,10 +95,10 @@ def test_scenes_lists_every_shipped_scene(tmp_path: Path) -> None:
 def test_scenes_fit_a_terminal(width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    print_scenes([db.load_scene(name) for name in db.shipped_scenes()])
+    print_scenes(listed_scenes())
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= width
-    assert len(lines) > len(db.shipped_scenes()) + 1  # some are wrapped, under what happens in them
+    assert len(lines) > len(listed_scenes()) + 1  # some are wrapped, under what happens in them
     assert {line[:45].strip() for line in lines if line.startswith(" ")} == {""}
 
 

@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
-from importlib import resources
 from pathlib import Path
 from types import NoneType
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from dem_bridge.errors import SceneError, UsageError, meant
+from dem_bridge.errors import SceneError, meant
 from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.foundation.files import text_of_file
 from dem_bridge.foundation.scripts import is_script
@@ -31,6 +30,7 @@ from dem_bridge.scene.file.pattern import from_pattern
 from dem_bridge.scene.file.physical import from_cylinders, from_spheres
 from dem_bridge.scene.file.raw import from_raw
 from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.shipped import file_of_shipped, shipped_scenes
 from dem_bridge.version import advice_on_schema
 
 #: the two main examples: the paper's chains of figures 2 and 3
@@ -38,41 +38,6 @@ MAIN_SCENES = ("accelerating-40", "decelerating-40")
 
 #: schema of scene files; a file may name it: schema = "dem-bridge/scene/1"
 SCHEMA = "dem-bridge/scene/1"
-#: folders of the shipped scenes, by their kind
-_FOLDERS: Mapping[Literal["chain", "benchmark", "all"], tuple[str, ...]] = {
-    "chain": ("scenes",),
-    "benchmark": ("scenes", "benchmarks"),
-}
-
-
-def shipped_scenes(kind: Literal["chain", "benchmark", "all"] = "chain") -> tuple[str, ...]:
-    """Return the names of the scenes that are part of the package.
-
-    Parameters
-    ----------
-    kind : {"chain", "benchmark", "all"}
-        "chain": the chains of the paper and their relatives, which ``verify paper`` and ``regress`` run. "benchmark":
-        single impacts and other benchmarks of the field, whose values are known from elsewhere.
-
-    Raises
-    ------
-    UsageError
-        If there is no such kind.
-
-    Examples
-    --------
-    >>> set(MAIN_SCENES) <= set(shipped_scenes())
-    True
-    >>> shipped_scenes("benchmark")[:3]
-    ('bouncing-ball', 'chung-ooi-1-glass', 'chung-ooi-1-limestone')
-    """
-    check_arguments(shipped_scenes, locals())
-    if kind == "all":
-        return tuple(name for one_kind in _FOLDERS for name in shipped_scenes(one_kind))
-    if kind not in _FOLDERS:
-        raise UsageError(f"kind = {kind!r}; allowed: {', '.join((*_FOLDERS, 'all'))}")
-    files = resources.files("dem_bridge").joinpath(*_FOLDERS[kind]).iterdir()
-    return tuple(sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml")))
 
 
 def scene_of(source: Scene | str | Path) -> Scene:
@@ -117,10 +82,8 @@ def _text_of(source: str | Path) -> tuple[str, str, Path]:
     if not isinstance(source, str | Path):
         raise SceneError("", value=source, allowed="the name of a shipped scene or the path of a .toml file")
     name = str(source)
-    if name in shipped_scenes("all"):
-        kind: Literal["chain", "benchmark"] = "chain" if name in shipped_scenes() else "benchmark"
-        file = resources.files("dem_bridge").joinpath(*_FOLDERS[kind], f"{name}.toml")
-        return file.read_text(encoding="utf-8"), f"{name}.toml", Path(str(file)).parent
+    if (file := file_of_shipped(name)) is not None:
+        return file.read_text(encoding="utf-8"), file.name, file.parent
     path = Path(source)
     try:
         exists = path.exists() and not path.is_dir()
