@@ -29,7 +29,7 @@ from dem_bridge.runs.campaign import Crashed, Result, pool, results, run_cases
 from dem_bridge.runs.campaign.run import count_workers
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.keys import run_key
-from dem_bridge.runs.store import Store
+from dem_bridge.runs.store import Store, StoreNote
 from dem_bridge.runs.uncertainty.estimate import solve
 from dem_bridge.scene.features import CONTACT_FUNCTIONS, OTHER_EXPONENTS, SEVERAL_MOVING
 from dem_bridge.scene.scene import Scene
@@ -448,7 +448,7 @@ def test_the_command_line_uses_all_cores_and_the_store_unless_told_otherwise_and
 
     def verify(scenes: Any, **how: Any) -> Verification:
         calls.append(how)
-        return verification_of((), accuracy=1e-6, wall=0.0, notes=("store: nothing is stored: why",))
+        return verification_of((), accuracy=1e-6, wall=0.0, notes=(StoreNote("store: nothing is stored: why"),))
 
     defaults = {name: item.default for name, item in inspect.signature(db.verify).parameters.items()}
     monkeypatch.setattr(db, "verify", verify)
