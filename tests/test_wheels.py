@@ -89,7 +89,7 @@ def test_every_part_in_which_faults_are_planted_has_sources_and_tests() -> None:
 #: default of an argument and that of a field of a class or of a named tuple
 PLANTED = (
     ("physics/elliptic.py", "mean, geometric, term, weight, share", "0.5", "elliptic.ellipse_integrals(0.5)"),
-    ("judging/fitting.py", "SEARCH, DECISION = ", "1e-13", "decision.DECISION"),
+    ("judging/fitting.py", "TOLERANCE_OF_SEARCH, TOLERANCE_OF_DECISION = ", "1e-13", "search.TOLERANCE_OF_DECISION"),
     ("physics/impact.py", "def restitution_of_alpha", "2.5", "impact.restitution_of_alpha(0.1, clip=True)"),
     ("judging/hypotheses.py", "reach: float", "1.5", "hypotheses.Hypothesis('', float, '').reach"),
     ("judging/hypotheses.py", "scale: float", "1.0", "hypotheses.Variant(None).scale"),
@@ -102,7 +102,7 @@ def test_a_planted_fault_is_seen_by_all_that_use_it(file: str, line: str, number
 import ast, sys
 sys.path[:0] = [".ci", "."]
 import faults
-from dem_bridge.judging import decision, hypotheses
+from dem_bridge.judging import hypotheses, search
 from dem_bridge.physics import elliptic, impact
 file = "dem_bridge/{file}"
 text = open(file).read()
