@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Iterator, Mapping
 
 from dem_bridge.foundation.notebook import quantity as amount
+from dem_bridge.foundation.words import share
 from dem_bridge.judging.error import FileErrors, QuantityErrors
 from dem_bridge.judging.judgement import EXPLAINED, Judgement
 from dem_bridge.judging.naming import RIGHT
@@ -94,11 +95,6 @@ def file_name(file: FileErrors) -> str:
     return file.record.name + (f" (dt = {amount(file.record.dt, 's')})" if file.record.dt is not None else "")
 
 
-def share(part: QuantityErrors, value: float) -> str:
-    """Return a value relative to the scale as text."""
-    return two_digits(part.relative(value))
-
-
 def two_digits(value: float) -> str:
     """Return a number with two digits, as a power of ten unless it is of ordinary size.
 
@@ -119,7 +115,9 @@ def _error_text(file: FileErrors, part: QuantityErrors) -> str:
         return TEXTS("error_without_scale", **numbers)
     time = amount(float(file.record.time[part.worst[0]]), "s", 4)
     scale = f"{part.scale:.3g} {part.unit}"
-    return TEXTS("error", **numbers, relative=share(part, part.value), scale=scale, place=part.place, time=time)
+    return TEXTS(
+        "error", **numbers, relative=share(part.relative(part.value)), scale=scale, place=part.place, time=time
+    )
 
 
 def _outcome(judgement: Judgement) -> str:
@@ -132,18 +130,18 @@ def _outcome(judgement: Judgement) -> str:
             return TEXTS("unseen") if not judgement.seen else TEXTS("part" if headline else "open", part=headline)
         return f"FAIL: {_named(judgement)}"
     if judgement.outcome == Outcome.PASS:
-        return TEXTS("passes", tolerance=judgement.tolerance)
+        return TEXTS("passes", tolerance=share(judgement.tolerance))
     deciding = {
         name: judgement.worst[name][1]
         for name, outcome in judgement.outcomes.items()
         if outcome.value == judgement.outcome
     }
     name, part = max(deciding.items(), key=lambda item: item[1].relative(item[1].value))
-    values = {"quantity": name.replace("_", " "), "tolerance": judgement.tolerance}
+    values = {"quantity": name.replace("_", " "), "tolerance": share(judgement.tolerance)}
     if judgement.outcome == Outcome.FAIL:
         cause = f" Cause: {_named(judgement)}" if judgement.faults else ""
-        return TEXTS("fails", **values, relative=share(part, part.value)) + cause
-    return TEXTS("straddles", **values, uncertainty=share(part, part.uncertainty))
+        return TEXTS("fails", **values, relative=share(part.relative(part.value))) + cause
+    return TEXTS("straddles", **values, uncertainty=share(part.relative(part.uncertainty)))
 
 
 def _right(judgement: Judgement) -> str:
@@ -154,21 +152,11 @@ def _right(judgement: Judgement) -> str:
     step = largest[accuracy_key(ACCURACY_ADVISED)]
     words = "right_finer" if error > ACCURACY_ADVISED and step is not None else "right"
     numbers = {
-        "error": percent(error),
-        "enough": percent(ACCURACY_ADVISED),
+        "error": share(error),
+        "enough": share(ACCURACY_ADVISED),
         "step": "" if step is None else amount(step, "s", 2),
     }
     return TEXTS(words, dt=amount(dt, "s"), **numbers)
-
-
-def percent(value: float) -> str:
-    """Return a part in percent, with two digits.
-
-    >>> percent(6.33e-3), percent(1e-3), percent(3.2e-6)
-    ('0.63 %', '0.1 %', '0.00032 %')
-    """
-    text = f"{100.0 * value:.2g}"
-    return f"{float(text):.10f}".rstrip("0").rstrip(".") + " %" if 1e-10 < value < 1.0 else f"{text} %"
 
 
 def _named(judgement: Judgement) -> str:
@@ -202,14 +190,14 @@ def _alternatives(judgement: Judgement, every: bool) -> str:
 def _step(judgement: Judgement) -> str:
     """Return the error that the time step makes, and the largest steps for some accuracies."""
     dt, error, largest = (judgement.step[key] for key in ("dt", "error", "largest_for"))
-    accuracies = [accuracy_key(accuracy) for accuracy in ACCURACIES if largest[accuracy_key(accuracy)] is not None]
-    steps = [amount(largest[key], "s", 2) for key in accuracies]
+    served = [(share(a), largest[accuracy_key(a)]) for a in ACCURACIES if largest[accuracy_key(a)] is not None]
+    accuracies, steps = [words for words, _ in served], [amount(step, "s", 2) for _, step in served]
     name = next(iter(judgement.worst)).replace("_", " ")
     texts = []
     if dt is not None:
         found = "" if judgement.step_curve is None or judgement.step_curve.stated else TEXTS("found_step")
         words = "step_unresolved" if error is None else "step"
-        relative = "" if error is None else two_digits(error)
+        relative = "" if error is None else share(error)
         texts.append(TEXTS(words, dt=amount(dt, "s"), found=found, relative=relative, quantity=name))
     if steps:
         texts.append(TEXTS("steps", accuracies=_and(accuracies), steps=_and(steps)))
@@ -271,7 +259,7 @@ def _floor(judgement: Judgement) -> str:
     name, (_, part) = next(iter(judgement.worst.items()))
     floor = math.nan if judgement.floor is None else judgement.floor
     flat = floor > part.relative(part.floor)
-    return TEXTS("flat" if flat else "floor", floor=floor, quantity=name.replace("_", " "))
+    return TEXTS("flat" if flat else "floor", floor=share(floor), quantity=name.replace("_", " "))
 
 
 def _advice(judgement: Judgement) -> Iterator[str]:
@@ -311,7 +299,7 @@ def _step_advice(judgement: Judgement) -> Iterator[str]:
     step = largest[accuracy_key(ACCURACY_ADVISED)]
     if dt is not None and error is not None and step is not None:
         words = "enough" if error <= ACCURACY_ADVISED else "finer"
-        yield TEXTS(words, dt=amount(step, "s", 2), error=percent(ACCURACY_ADVISED))
+        yield TEXTS(words, dt=amount(step, "s", 2), error=share(ACCURACY_ADVISED))
 
 
 def _step_for(judgement: Judgement, error: float) -> float:

@@ -11,10 +11,11 @@ import numpy as np
 
 from dem_bridge.backends.base import versions_of
 from dem_bridge.backends.reference import SERIES
+from dem_bridge.foundation.words import share
 from dem_bridge.judging.admission import every_nth
 from dem_bridge.judging.error import FileErrors, QuantityErrors
 from dem_bridge.judging.judgement import Judgement
-from dem_bridge.judging.sentences import TEXTS, file_name, lines, share, two_digits
+from dem_bridge.judging.sentences import TEXTS, file_name, lines, two_digits
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.columns import SECOND, Column
 from dem_bridge.report.study import FigureData, Map, Panel, Series, Study, Table
@@ -139,7 +140,7 @@ def _verdicts(judgement: Judgement) -> Iterator[Verdict]:
             words=WORDS[name],
             name=file.record.name,
             error=f"{two_digits(part.value)} {part.unit}",
-            relative=share(part, part.value),
+            relative=share(part.relative(part.value)),
             bound=f"{part.uncertainty:.0e} {part.unit}",
         )
 

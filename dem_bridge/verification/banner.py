@@ -14,6 +14,7 @@ from typing import Any
 from dem_bridge.backends.base import supports_of
 from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.backends.steps import order_on
+from dem_bridge.foundation.words import share
 from dem_bridge.lmp.known_defects import known_defects
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.texts import Texts
@@ -48,7 +49,7 @@ class Group:
     """Id of the cause: "step", "implementation", "table", "round-off", "references", "order", "broken", "defect"."""
     sentence: str
     write: str
-    """Line to write instead; empty where none is known."""
+    """Line to write instead, or for a known defect a sentence on it; empty where none is known."""
     verdicts: tuple[Verdict, ...]
 
 
@@ -106,8 +107,8 @@ def _sentences(study: SceneStudy, judged: Sequence[Verdict], outcome: Outcome) -
     if velocity is not None and run is not None:
         dt = float(run.provenance["settings"]["dt"])
         key = "error" if velocity.outcome is Outcome.PASS else "too_large"
-        numbers = {"dt": dt, "error": velocity.difference, "allowed": velocity.tolerance, "scale": velocity.scale}
-        yield TEXTS(key, outcome=outcome.value, **numbers)
+        error, allowed = share(velocity.difference), share(velocity.tolerance)
+        yield TEXTS(key, outcome=outcome.value, dt=dt, error=error, allowed=allowed, scale=velocity.scale)
         cause = _cause_of_error(study.budgets[0]) if study.budgets else ""
         if cause and not velocity.known_defect:  # the group of its verdicts names a defect
             yield TEXTS("cause", cause=TEXTS(cause, "names"))
@@ -115,7 +116,7 @@ def _sentences(study: SceneStudy, judged: Sequence[Verdict], outcome: Outcome) -
         tried = () if cause == "implementation" else ACCURACIES
         steps = [(a, step) for a in tried if (step := largest_step(study, a)) is not None]
         if steps:
-            yield TEXTS("steps", steps=", ".join(TEXTS("step", accuracy=a, step=words) for a, words in steps))
+            yield TEXTS("steps", steps=", ".join(TEXTS("step", accuracy=share(a), step=words) for a, words in steps))
     elif not judged:
         yield TEXTS("nothing", outcome=outcome.value)
     else:
@@ -209,8 +210,8 @@ def _reason(study: SceneStudy, id: str, name: str, verdicts: Sequence[Verdict], 
     """Return why verdicts do not pass, in words, and the line to write instead."""
     worst = max(verdicts, key=lambda v: v.difference / v.tolerance if v.difference == v.difference else 0.0)
     values: dict[str, Any] = {
-        "error": worst.difference, "allowed": worst.tolerance, "quantity": worst.quantity.replace("_", " "),
-        "sentence": worst.sentence.rstrip("."), "name": name,
+        "error": share(worst.difference), "allowed": share(worst.tolerance),
+        "quantity": worst.quantity.replace("_", " "), "sentence": worst.sentence.rstrip("."), "name": name,
     }  # fmt: skip
     write = ""
     if id == "step":

@@ -12,6 +12,7 @@ from datetime import datetime
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
+from dem_bridge.foundation.words import share
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.report.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.runs.cache import RunCache
@@ -124,7 +125,7 @@ def study_of(demo: Demonstration) -> Study:
         notes=(
             "The error is the largest difference of velocities between LAMMPS and a reference solution, over"
             " all samples and bodies, relative to the largest velocity. The reference is a Taylor series of high order;"
-            f" its own uncertainty is {demo.reference.uncertainty['velocity'] / demo.scale:.0e}.",
+            f" its own uncertainty is {share(demo.reference.uncertainty['velocity'] / demo.scale)}.",
             "The twin is an independent implementation of the algorithm of LAMMPS (velocity-Verlet). Where it has the"
             " same error, the algorithm and its time step cause it, and not the code.",
             f"The steps are the largest of the {len(STEPS_OF_TWIN_S)} in the table whose error is within the accuracy.",
@@ -144,14 +145,14 @@ def _answer(demo: Demonstration) -> tuple[str, ...]:
     cause = "the time step; a second code with this step has the same error"
     if rest > _LARGEST_SHARE_UNEXPLAINED * error:
         cause = (
-            f"unknown; a second code with this step has an error of {demo.errors[STEP_OF_LAMMPS_S]:.1e}, and differs"
+            f"unknown; a second code with this step has an error of {share(demo.errors[STEP_OF_LAMMPS_S])}, and differs"
         )
-    served = [(f"{accuracy:.0e}".replace("e-0", "e-"), demo.largest_step(accuracy)) for accuracy in ACCURACIES]
+    served = [(share(accuracy), demo.largest_step(accuracy)) for accuracy in ACCURACIES]
     steps = [f"{dt:g} s for an error below {accuracy}" if dt else f"none for {accuracy}" for accuracy, dt in served]
     return (
         f"Chain: {scene.n_body} {body_noun(scene)}s, the first at {max(scene.velocity):g} m/s;"
         f" LAMMPS {release}, step {STEP_OF_LAMMPS_S:g} s.",
-        f"Error: LAMMPS' velocities are wrong by at most {error:.1e} of the largest.",
+        f"Error: LAMMPS' velocities are wrong by at most {share(error)} of the largest.",
         f"Cause: {cause} to {rest:.0e}.",
         f"Step:  {', '.join(steps)}.",
     )

@@ -45,7 +45,7 @@ def test_three_files_are_judged_in_one_command(folder: Path) -> None:
         name = line[:14].strip() or name
         text[name] = f"{text.get(name, '')} {line[14:]}".strip()
     assert list(text)[:2] == ["outcome", "next"]
-    assert text["outcome"] == "PASS: all errors are within the tolerance, 0.001 of the largest value."
+    assert text["outcome"] == "PASS: all errors are within the tolerance, 0.1 % of the largest value."
     assert text["order"].startswith("velocity 2.0")
     assert text["written"] == "page/index.html"
     # what was assumed stands behind the answer, once for all files

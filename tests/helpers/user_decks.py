@@ -192,11 +192,12 @@ def _of_advice(answer: Answer) -> Iterator[str]:
         yield f"the advice is {answer.next!r} for {answer.cause}"
     if answer.cause != "none":
         return
-    said = re.search(r"an error of ([\d.e+-]+) of the largest", answer.step)
+    said = re.search(r"an error of ([\d.e+-]+)( %)? of the largest", answer.step)
     if answer.error > max(10.0 * answer.floor, LEAST) and not said:
         yield f"nothing is said of the step at an error of {answer.error:.1e}"
-    if said and answer.error > 10.0 * answer.floor and abs(float(said[1]) - answer.error) > 0.1 * answer.error:
-        yield f"the step is said to make an error of {said[1]}, and it is {answer.error:.2e}"
+    size = float(said[1]) * (0.01 if said[2] else 1.0) if said else answer.error
+    if said and answer.error > 10.0 * answer.floor and abs(size - answer.error) > 0.1 * answer.error:
+        yield f"the step is said to make an error of {size:.2g}, and it is {answer.error:.2e}"
     if steps := re.search(r"^([\d.]+) (\w+) .* at most (\S+) (\w+), (\S+) (\w+) and ", answer.step):
         now, coarse, fine = (float(steps[k]) * UNITS[steps[k + 1]] for k in (1, 3, 5))
         for target, other in ((1e-2, coarse), (1e-3, fine)):

@@ -240,11 +240,11 @@ def test_a_tolerance_is_a_share(tolerance: float) -> None:
 
 def test_the_text_states_outcome_error_order_cause_and_advice(convergent: Judgement) -> None:
     text = dict(lines(convergent))
-    assert text["outcome"] == "PASS: all errors are within the tolerance, 0.01 of the largest value."
+    assert text["outcome"] == "PASS: all errors are within the tolerance, 1 % of the largest value."
     assert " of the largest (0.8 m/s), body " in text["velocity"]
     assert "Second order" in text["order"]
     assert text["next"] == "Nothing is to be mended."
-    largest = "for 1e-2, 1e-3 and 1e-4 at most "
+    largest = "for 1 %, 0.1 % and 1e-4 at most "
     assert re.match(f"250 ns makes an error of .* of the largest velocity; {largest}", text["step"])
 
 

@@ -130,7 +130,7 @@ def test_the_length_of_a_run_and_its_dump_change_no_cause(
 RIGHT = Answer(
     outcome="PASS", cause="none", alternatives=[], error=8.5e-3, floor=1e-13,
     next="For an error of 0.1 % write a step of 1.7 µs.",
-    step="5 µs makes an error of 0.0085 of the largest velocity; for 1e-2, 1e-3 and 1e-4 at most 5.4 µs, 1.7 µs"
+    step="5 µs makes an error of 0.85 % of the largest velocity; for 1 %, 0.1 % and 1e-4 at most 5.4 µs, 1.7 µs"
     " and 540 ns",
     limits={"time step": 8.5e-3, "particle radius": 1e-12, "neither time step nor radius": 0.0, "own dump": math.nan},
 )  # fmt: skip
@@ -142,7 +142,7 @@ RIGHT = Answer(
         ({}, None),
         # the answer of the deck whose run was longer than its scene
         ({"outcome": "UNDECIDED", "cause": "unknown", "next": "Look at"}, "the limits explain all but"),
-        ({"step": "for 1e-2, 1e-3 and 1e-4 at most 5.4 µs, 1.7 µs and 540 ns"}, "nothing is said of"),
+        ({"step": "for 1 %, 0.1 % and 1e-4 at most 5.4 µs, 1.7 µs and 540 ns"}, "nothing is said of"),
         # the answer of the deck with a density of 8100 in place of 7850
         ({"outcome": "FAIL", "cause": "stiffness-scale", "alternatives": ["mass"], "error": 0.066,
           "next": "Compare the stiffness with that of the scene: all contacts have the same wrong factor.",
@@ -153,7 +153,7 @@ RIGHT = Answer(
         ({"limits": {**RIGHT.limits, "time step": 2e-3}}, "that of the step 2.00e-03"),
         ({"limits": {**RIGHT.limits, "neither time step nor radius": 4e-3}}, "4.0e-03 is explained by nothing"),
         ({"step": RIGHT.step.replace("1.7", "7")}, "a step of 7e-06 s makes 0.001"),
-        ({"step": RIGHT.step.replace("0.0085", "0.44")}, "said to make an error of 0.44"),
+        ({"step": RIGHT.step.replace("0.85 %", "44 %")}, "said to make an error of 0.44"),
         ({"outcome": "FAIL", "cause": "mass", "alternatives": ["mass"]}, "its own alternative"),
         ({"outcome": "FAIL", "cause": "mass", "limits": {**RIGHT.limits, "mass": 0.07}}, "the advice is"),
         # two differences that cancel

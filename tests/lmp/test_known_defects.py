@@ -142,6 +142,6 @@ def test_verify_of_a_scene_that_meets_a_defect_fails_with_its_name(tmp_path: Pat
         said = " ".join(done.stdout.split())
         assert "LAMMPS has a known defect, tsuji-prefactor: damping tsuji dissipates too little" in said
         assert "Write: damping coeff_restitution" in said
-        assert "cheapest step" not in said  # no step mends a wrong law
+        assert "largest step" not in said  # no step mends a wrong law
         assert "unexplained" not in said
     assert codes == {"fail": 1, "ok": 0}

@@ -255,6 +255,10 @@ def test_an_error_that_no_part_explains_has_a_row() -> None:
     panel = error_scale([SceneStudy(roles=assign_roles(SIX), verdicts=(), budgets=(budget,))])
     assert panel is not None
     assert dict(zip(panel.rows, panel.series[0].x.tolist(), strict=True))["LAMMPS, unexplained"] == 1e-7
+    known = replace(_verdict(1e-6), backend=assign_roles(SIX).engine, known_defect="tsuji-prefactor")
+    panel = error_scale([SceneStudy(roles=assign_roles(SIX), verdicts=(known,), budgets=(budget,))])
+    assert panel is not None
+    assert {"LAMMPS, known defect", "LAMMPS, unexplained"} & set(panel.rows) == {"LAMMPS, known defect"}
 
 
 def test_the_tolerance_is_the_largest_of_those_that_are_numbers() -> None:

@@ -56,9 +56,12 @@ def test_a_pass_says_error_tolerance_cause_and_steps() -> None:
     banner = banner_of(_study(_verdict()), 5e-6)
     assert (banner.outcome, banner.groups) == (Outcome.PASS, ())
     error, cause, steps = banner.sentences
-    assert error == "PASS: at 1e-08 s LAMMPS is within 1.0e-06 of the largest velocity, 0.8 m/s (5e-06 allowed)."
+    assert error == "PASS: at 1e-08 s LAMMPS is within 1e-6 of the largest velocity, 0.8 m/s (5e-6 allowed)."
     assert cause == "Cause: the time step."
-    assert steps == ("The cheapest step for 1e-02 is about 1.0e-6 s, 1e-03 is about 3.1e-7 s, 1e-04 is about 1.0e-7 s.")
+    assert steps == (
+        "The largest step for an error of at most 1 % is about 1.0e-6 s, 0.1 % is about 3.1e-7 s, 1e-4 is about"
+        " 1.0e-7 s."
+    )
 
 
 @pytest.mark.parametrize(
@@ -79,11 +82,11 @@ def test_eleven_verdicts_that_fail_for_the_time_step_are_one_group_with_the_line
     passing = [_verdict(reference=TWIN, meaning="implementation and round-off") for _ in range(5)]
     parts = {**PARTS, "time step": 1e-4}
     banner = banner_of(_study(*failing, *passing, parts=parts, found=1e-4), 5e-6)
-    assert banner.sentences[0].startswith("FAIL: at 1e-08 s velocities of LAMMPS err by up to 1.0e-04 of the largest")
+    assert banner.sentences[0].startswith("FAIL: at 1e-08 s velocities of LAMMPS err by up to 1e-4 of the largest")
     [group] = banner.groups
     assert group.cause == "step"
     assert group.sentence.startswith("11 of 16 checks fail for one reason: the time step is too coarse (worst: quan")
-    assert "1.0e-03; 5.0e-06 allowed" in group.sentence
+    assert "0.1 %; 5e-6 allowed" in group.sentence
     assert group.write == "timestep 2.2e-8"
     assert group.verdicts == tuple(failing)
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from dem_bridge.foundation.words import share
 from dem_bridge.judging.check.edits import Edit
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer
 from dem_bridge.judging.check.plausible import Plausibility
 from dem_bridge.judging.check.step import StepAnswer
-from dem_bridge.judging.check.words import share
 from dem_bridge.judging.keyed import KeyedAnswer
 from dem_bridge.observables.verdict import Outcome, exit_code, plain
 

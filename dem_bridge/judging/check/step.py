@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dem_bridge.errors import DemBridgeError
+from dem_bridge.foundation.words import share
 from dem_bridge.judging.check.edits import tidy_factor
 from dem_bridge.judging.check.laboratory import Laboratory
-from dem_bridge.judging.check.words import number, share
+from dem_bridge.judging.check.words import number
 from dem_bridge.judging.step import StepError
 from dem_bridge.observables.verdict import Outcome, judge
 

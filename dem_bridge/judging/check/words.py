@@ -5,23 +5,6 @@ from __future__ import annotations
 import math
 
 
-def share(value: float) -> str:
-    """Return a relative number in per cent, or as a power of ten where it is small.
-
-    Examples
-    --------
-    >>> share(0.0159), share(1e-4), share(4.13e-5), share(0.0), share(7.0), share(float("nan"))
-    ('1.6 %', '0.01 %', '4.1e-05', '0', 'more than 100 %', 'unknown')
-    """
-    if value > 1.0:
-        return "more than 100 %"
-    if not math.isfinite(value):
-        return "unknown"
-    if value == 0.0:
-        return "0"
-    return f"{float(f'{100.0 * value:.2g}'):g} %" if value >= 9.95e-5 else f"{value:.2g}"
-
-
 def number(value: float | None) -> str:
     """Return a number with two digits, or three where it has no more.
 

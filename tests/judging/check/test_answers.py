@@ -150,7 +150,7 @@ def test_a_law_is_right_where_lammps_is_our_code(tmp_path: Path) -> None:
 def test_a_difference_that_falls_with_the_step_is_no_wrong_law(tmp_path: Path) -> None:
     law = law_of(laboratory(tmp_path, script(), lambda velocity, factor: velocity + 1e-4 / factor))
     assert law.outcome is PASS
-    assert "falls with the step, from 0.02 % to 5e-05" in law.sentence
+    assert "falls with the step, from 2e-4 to 5e-5" in law.sentence
 
 
 def test_a_difference_that_stays_is_a_wrong_law_with_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
