@@ -93,10 +93,12 @@ def print_plan(plan: Plan, scene: str, verbose: bool = False) -> None:
         parts = [f"error {error:.2g}"] if error is not None else []
         return ", ".join(parts + ([f"{cost:.2g} s of CPU"] if cost is not None else []))
 
+    # the law of a step or a tolerance is fitted to random scenes; -v prints how far their errors spread
+    spread = ": the median of random scenes" if {"dt", "rtol"} & set(plan.resolution) else ""
     rows = {
         "accuracy": f"{plan.accuracy:g} of {plan.observable} on {plan.scene}",
         "backend": f"{plan.backend}, {settings}",
-        "predicted": f"{numbers(plan.model_error, plan.model_cost)} (by the error model)",
+        "predicted": f"{numbers(plan.model_error, plan.model_cost)} (by the error model{spread})",
         "measured": numbers(plan.found_error, plan.found_cost) or "no run was made",
     }
     if plan.steps:

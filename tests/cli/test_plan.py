@@ -24,7 +24,7 @@ def test_a_plan_says_what_to_run_and_why(tmp_path: Path) -> None:
     )
     assert rows["accuracy"] == "0.0001 of velocity on small"
     assert rows["backend"].startswith("lammps-granular, dt = ")
-    assert "by the error model" in rows["predicted"]
+    assert "by the error model: the median" in rows["predicted"]
     assert rows["measured"].startswith("error ")
     assert "force evaluations" in rows["steps"]
     (command,) = (line for line in done.stdout.splitlines() if line.startswith("command"))
