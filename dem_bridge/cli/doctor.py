@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -19,9 +19,8 @@ from packaging.specifiers import SpecifierSet
 from dem_bridge.api.guests import STUDIES
 from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.errors import DemBridgeError, UsageError
-from dem_bridge.formats.readers.read import SUFFIXES
 from dem_bridge.foundation import guests
-from dem_bridge.foundation.kernel_folders import ADVICE, existing_folders, lasting_folder
+from dem_bridge.foundation.kernel_folders import ADVICE, damaged_files, existing_folders, lasting_folder
 from dem_bridge.lmp.engine import STYLES, Engine
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.process import probe, require, run_deck, workspace
@@ -111,7 +110,12 @@ def packages() -> Finding:
 
 def guest_packages() -> Iterator[Finding]:
     """Yield what other distributions add, and a fault for each name that is taken or cannot be imported."""
-    for group, ours in ((guests.BACKENDS, BACKENDS), (guests.STUDIES, STUDIES), (guests.READERS, SUFFIXES)):
+    taken: dict[str, Collection[str]] = {guests.BACKENDS: BACKENDS, guests.STUDIES: STUDIES}
+    if guests.guest_names(guests.READERS):
+        from dem_bridge.formats.readers.read import SUFFIXES  # imports numpy, as a guest does
+
+        taken[guests.READERS] = SUFFIXES
+    for group, ours in taken.items():
         for name in guests.guest_names(group):
             try:
                 state = guests.examined(group, name, ours)
@@ -174,8 +178,6 @@ def ranks(engine: Engine) -> Finding:
 
 def numba_cache() -> Finding:
     """Check the folder of compiled kernels, and each kernel in it."""
-    from dem_bridge.foundation.kernel_cache import damaged_files  # imports numba
-
     folder, faults = lasting_folder()
     if folder is None:
         state = f"no folder can be written, so kernels are compiled again in every session: {faults}"

@@ -14,7 +14,7 @@ import os
 import pickle
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -31,14 +31,22 @@ from numba.core.serialize import dumps
 from dem_bridge.errors import OF_DAMAGED_DATA
 from dem_bridge.foundation.files import opened
 from dem_bridge.foundation.kernel_content import Unidentified, closure_digest
-from dem_bridge.foundation.kernel_folders import folder_to_write, folders_to_read, is_safe, say
+from dem_bridge.foundation.kernel_folders import (
+    DAMAGED,
+    MOST_BYTES,
+    SUFFIX,
+    checked,
+    checksum,
+    folder_to_write,
+    folders_to_read,
+    is_safe,
+    say,
+)
 from dem_bridge.foundation.leftovers import owned, sweep
 from dem_bridge.version import __version__
 
-SUFFIX, DAMAGED = ".nbc", ".damaged"
 #: files that a folder may have: those that were not used for the longest time are removed
 MOST_FILES = 1_000
-_MOST_BYTES = 2**28
 _SETTING = (bool, int, float, str, tuple, list, type(None))
 #: settings of numba that change no code: where it keeps files, what it prints, threads, other processors
 _NOT_CODE = re.compile(
@@ -77,7 +85,7 @@ class KernelCache(NullCache):
         name = self._name(sig, target_context.codegen())
         for path in [] if name is None else [folder / name for folder in folders_to_read()]:
             try:
-                with opened(path, _MOST_BYTES) as file:
+                with opened(path, MOST_BYTES) as file:
                     if not is_safe(file.fileno()):
                         raise ValueError("another user can write to it")
                     content = checked(path.name, file.read())
@@ -157,36 +165,6 @@ def _text_of_types(kind: Any) -> str:
     if isinstance(kind, types.Callable | types.FunctionType | types.ClassType | types.ClassInstanceType):
         raise Unidentified(f"the type {kind} has no content")
     return f"{type(kind).__name__} {kind}"
-
-
-def checksum(name: str, content: bytes) -> bytes:
-    """Return the first line of a file: the sha256 of its name and content."""
-    return hashlib.sha256(name.encode() + b"\n" + content).hexdigest().encode() + b"\n"
-
-
-def checked(name: str, whole: bytes) -> bytes:
-    """Return the content of a file; ValueError unless it is as it was written, and under this name."""
-    line, _, content = whole.partition(b"\n")
-    if line + b"\n" != checksum(name, content):
-        raise ValueError("its checksum does not fit")
-    return content
-
-
-def damaged_files(folder: Path) -> Iterator[tuple[str, str]]:
-    """Yield the names of files in a folder of kernels that were set aside or are damaged, each with the reason."""
-    for path in sorted(folder.glob("*")):
-        if path.name.endswith(DAMAGED):
-            yield path.name, "set aside"
-        elif path.suffix == SUFFIX:
-            try:
-                with opened(path, _MOST_BYTES) as file:
-                    checked(path.name, file.read())
-                if not is_safe(path):
-                    yield path.name, "another user can write to it"
-            except OSError as error:
-                yield path.name, error.strerror or type(error).__name__
-            except ValueError as error:
-                yield path.name, str(error)
 
 
 def _set_aside(path: Path, reason: str) -> None:

@@ -8,19 +8,26 @@ of this user and of root, who could have installed the package with its kernels,
 from __future__ import annotations
 
 import atexit
+import hashlib
 import os
 import shutil
 import stat
 import sys
 import tempfile
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
+from dem_bridge.foundation.files import opened
 from dem_bridge.foundation.leftovers import owned, sweep_temporary
 
 #: names the folder that is tried first, as it does for numba
 VARIABLE = "NUMBA_CACHE_DIR"
+#: ends of the names of a kernel, and of one that was set aside
+SUFFIX, DAMAGED = ".nbc", ".damaged"
+#: largest size of a file of a kernel
+MOST_BYTES = 2**28
 ADVICE = f"set {VARIABLE} to a folder that you can write"
 PACKAGE = Path(__file__).parents[1]
 #: bits of a mode that let another user write
@@ -125,3 +132,33 @@ def remove_own(folder: Path, process: int) -> None:
     """Remove a temporary folder, unless this process is a copy of the one that made it."""
     if os.getpid() == process:  # a copy of this process still uses it
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def checksum(name: str, content: bytes) -> bytes:
+    """Return the first line of a file: the sha256 of its name and content."""
+    return hashlib.sha256(name.encode() + b"\n" + content).hexdigest().encode() + b"\n"
+
+
+def checked(name: str, whole: bytes) -> bytes:
+    """Return the content of a file; ValueError unless it is as it was written, and under this name."""
+    line, _, content = whole.partition(b"\n")
+    if line + b"\n" != checksum(name, content):
+        raise ValueError("its checksum does not fit")
+    return content
+
+
+def damaged_files(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield the names of files in a folder of kernels that were set aside or are damaged, each with the reason."""
+    for path in sorted(folder.glob("*")):
+        if path.name.endswith(DAMAGED):
+            yield path.name, "set aside"
+        elif path.suffix == SUFFIX:
+            try:
+                with opened(path, MOST_BYTES) as file:
+                    checked(path.name, file.read())
+                if not is_safe(path):
+                    yield path.name, "another user can write to it"
+            except OSError as error:
+                yield path.name, error.strerror or type(error).__name__
+            except ValueError as error:
+                yield path.name, str(error)

@@ -60,7 +60,7 @@ def code_of_run(backend: str, *, uncertainty: bool, package: Path = PACKAGE) -> 
     roots = [*modules, *([_rule(_SELECTS), rule_of(backend)] if uncertainty and entry.uncertainty else [])]
     files: set[Path] = set()
     for module in reached(roots, lambda module: _imports(module, package)):
-        file = _file(module, package)
+        file = file_of_module(module, package)
         assert file is not None  # a closure has modules of the package only
         files |= {file, *_named_in(file)}
     return {**_hashes(files, package), **{name: _hash(file) for name, file in sorted(foreign.items())}}
@@ -167,7 +167,7 @@ def reached(modules: Iterable[str], imports: Callable[[str], Iterable[str]]) -> 
 @cache
 def _imports(module: str, package: Path) -> frozenset[str]:
     """Return the modules of the package that a module imports, also within functions, and the folder that has it."""
-    file = _file(module, package)
+    file = file_of_module(module, package)
     assert file is not None
     names = {module.rpartition(".")[0]}
     if module != _rule(_SELECTS):
@@ -193,11 +193,11 @@ def _joined(source: str, items: str) -> list[str]:
 def _counts(name: str, package: Path) -> bool:
     """Return True for a module of the package that numbers of a run may pass through."""
     inner = name.startswith(_OURS) and not is_within(name.removeprefix(_OURS), NOT_IN_RUNS)
-    return inner and _file(name, package) is not None
+    return inner and file_of_module(name, package) is not None
 
 
 @cache
-def _file(module: str, package: Path) -> Path | None:
+def file_of_module(module: str, package: Path = PACKAGE) -> Path | None:
     """Return the file of a module of the package; None if there is none."""
     place = package.joinpath(*module.split(".")[1:])
     return next((file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file()), None)

@@ -10,13 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.util import find_spec
 from itertools import combinations
-from pathlib import Path
 from types import MappingProxyType
 
 from dem_bridge.backends.base import BACKENDS
-from dem_bridge.runs.code import imported_names, reached, rule_of
+from dem_bridge.runs.code import file_of_module, imported_names, reached, rule_of
 
 #: what every backend speaks: nothing in it solves anything
 LANGUAGE = frozenset(
@@ -142,18 +140,13 @@ def imported_modules(module: str) -> frozenset[str]:
     >>> sorted(imported_modules("dem_bridge.scene.support"))
     ['dem_bridge.scene.features', 'dem_bridge.scene.scene']
     """
-    spec = find_spec(module)
-    assert spec is not None
-    assert spec.origin is not None
-    names = imported_names(Path(spec.origin).read_text(encoding="utf-8"))
+    file = file_of_module(module)
+    assert file is not None
+    names = imported_names(file.read_text(encoding="utf-8"))
     return frozenset(name for name in names if name.startswith("dem_bridge.") and _is_module(name))
 
 
-@cache
 def _is_module(name: str) -> bool:
-    try:
-        spec = find_spec(name)
-    except ModuleNotFoundError:  # its parent is a module, so this is a name in it
-        return False
-    # a package's own file says nothing here
-    return spec is not None and spec.submodule_search_locations is None
+    """Return True for a module of this package; the ``__init__`` of a folder has nothing that solves anything."""
+    file = file_of_module(name)
+    return file is not None and file.name != "__init__.py"

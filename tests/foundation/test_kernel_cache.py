@@ -58,7 +58,7 @@ def _called(function: Kernel = _scaled) -> float:
 
 
 def _kept(folder: Path) -> list[Path]:
-    return sorted(folder.glob(f"*{kernel_cache.SUFFIX}"))
+    return sorted(folder.glob(f"*{kernel_folders.SUFFIX}"))
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def _bomb() -> bytes:
 
 
 def _signed(name: str, content: bytes) -> bytes:
-    return kernel_cache.checksum(name, content) + content
+    return kernel_folders.checksum(name, content) + content
 
 
 def _damage(name: str, content: bytes) -> Iterator[tuple[str, bytes]]:
@@ -124,14 +124,14 @@ def _damage(name: str, content: bytes) -> Iterator[tuple[str, bytes]]:
 
 def test_nothing_of_a_damaged_file_is_loaded(whole: tuple[str, bytes]) -> None:
     name, content = whole
-    assert kernel_cache.checked(name, content)
+    assert kernel_folders.checked(name, content)
     damage = dict(_damage(name, content))
     assert len(damage) > 60
     for kind, damaged in damage.items():
         assert damaged != content, kind
         if not kind.startswith("signed"):
             with pytest.raises(ValueError, match="its checksum does not fit"):
-                kernel_cache.checked(name, damaged)
+                kernel_folders.checked(name, damaged)
 
 
 def _is_replaced(folder: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -143,7 +143,7 @@ def _is_replaced(folder: Path, name: str, capsys: pytest.CaptureFixture[str]) ->
     assert len(lines) == 1, lines
     assert f"the compiled kernel {folder / name} is damaged (" in lines[0]
     assert [path.name for path in _kept(folder)] == [name]
-    [aside] = folder.glob(f"*{kernel_cache.DAMAGED}")
+    [aside] = folder.glob(f"*{kernel_folders.DAMAGED}")
     found = doctor.numba_cache()
     assert (found.fine, found.needed, str(found).split()[0]) == (False, False, "DEFECT")
     assert aside.name in found.state
@@ -167,7 +167,7 @@ def test_a_damaged_file_is_set_aside_and_compiled_anew(
         # it has the right checksum, which the doctor looks at, and fails when it is loaded
         assert _called() == 6.0
         assert "is damaged (" in capsys.readouterr().err
-        for path in folder.glob(f"*{kernel_cache.DAMAGED}"):
+        for path in folder.glob(f"*{kernel_folders.DAMAGED}"):
             path.unlink()
         assert doctor.numba_cache().fine
 
@@ -202,7 +202,7 @@ def test_a_folder_that_another_user_can_write_is_not_used(
 ) -> None:
     name, _ = whole
     bomb = b"cos\nabort\n(tR."  # ends the process that loads it
-    (folder / name).write_bytes(kernel_cache.checksum(name, bomb) + bomb)
+    (folder / name).write_bytes(kernel_folders.checksum(name, bomb) + bomb)
     for mode in (0o777, 0o775, 0o757):
         folder.chmod(mode)
         _forget()
@@ -332,8 +332,8 @@ def test_the_least_recently_used_kernels_are_removed(
     monkeypatch.setattr(kernel_cache, "MOST_FILES", 5)
     (folder / name).write_bytes(content)
     for age in range(1, 9):
-        (folder / f"older-{age}{kernel_cache.SUFFIX}").touch()
-        os.utime(folder / f"older-{age}{kernel_cache.SUFFIX}", (1e9 - age, 1e9 - age))
+        (folder / f"older-{age}{kernel_folders.SUFFIX}").touch()
+        os.utime(folder / f"older-{age}{kernel_folders.SUFFIX}", (1e9 - age, 1e9 - age))
     os.utime(folder / name, (0.0, 0.0))
     assert _called() == 6.0  # it is used now
     assert _called(_halved) == 1.0  # it is compiled
@@ -419,7 +419,7 @@ def test_processes_may_compile_a_kernel_at_once(tmp_path: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
         assert [value for value, _ in pool.map(_top, [tmp_path] * 4)] == [30.5] * 4
     assert _top(tmp_path) == (30.5, 0)
-    assert [path.suffix for path in _folder(tmp_path).iterdir()] == [kernel_cache.SUFFIX] * 3
+    assert [path.suffix for path in _folder(tmp_path).iterdir()] == [kernel_folders.SUFFIX] * 3
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterable
 
 import pytest
@@ -70,6 +72,15 @@ def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_
 
 def test_the_matrix_has_every_pair_once() -> None:
     assert len(matrix()) == len(BACKENDS) * (len(BACKENDS) - 1) // 2
+
+
+def test_the_matrix_is_read_and_imports_no_module_that_it_is_about() -> None:
+    code = (
+        "import sys; from dem_bridge.verification import independence; before = set(sys.modules);"
+        "independence.matrix(); print(*(name for name in set(sys.modules) - before if name.startswith('dem_bridge')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
 
 
 def test_every_shared_module_has_a_concept_and_each_concept_exists() -> None:
