@@ -6,12 +6,16 @@ import errno
 import json
 import math
 import pickle
+import subprocess
+import sys
 from dataclasses import FrozenInstanceError
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
+import xarray as xr
 
 from dem_bridge.errors import UsageError
 from dem_bridge.trajectory.trajectory import (
@@ -110,6 +114,30 @@ def test_a_run_for_which_nothing_was_estimated_has_an_infinite_uncertainty() -> 
 def test_a_pickled_trajectory_arrives_the_same() -> None:
     run = free_flight(provenance={"backend": "fake", "settings": {"dt": 1e-8}})
     _same(pickle.loads(pickle.dumps(run)), run)
+
+
+def test_a_saved_file_is_the_one_that_xarray_writes(tmp_path: Path) -> None:
+    run = free_flight(uncertainty=uncertain(velocity=math.inf, peak_force=[1e-300, math.inf]))
+    run.save(tmp_path / "ours.nc")
+    run.to_xarray().to_netcdf(tmp_path / "theirs.nc", engine="h5netcdf")
+    with xr.open_dataset(tmp_path / "ours.nc") as ours, xr.open_dataset(tmp_path / "theirs.nc") as theirs:
+        xr.testing.assert_identical(ours, theirs)
+        assert {name: ours[name].dtype for name in ours.variables} == {n: theirs[n].dtype for n in theirs.variables}
+    with h5py.File(tmp_path / "ours.nc") as mine, h5py.File(tmp_path / "theirs.nc") as other:  # as ncdump shows them
+        assert set(mine) == set(other)  # the order differs: coordinates come first
+        for name in other:
+            assert (mine[name].shape, mine[name].dtype) == (other[name].shape, other[name].dtype)
+            assert set(mine[name].attrs) == set(other[name].attrs)
+
+
+def test_saving_imports_no_xarray(tmp_path: Path) -> None:
+    code = (
+        "import sys; from dem_bridge.foundation.netcdf import netcdf_bytes\n"
+        "netcdf_bytes({'v': (('time',), [1.0], {})}, {});"
+        "print(*{'xarray', 'pandas', 'dask', 'pyarrow'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.split() == []
 
 
 def test_the_dataset_has_labels_units_and_bars() -> None:
