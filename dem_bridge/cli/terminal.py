@@ -8,6 +8,7 @@ import shutil
 import signal
 import sys
 import textwrap
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
 #: columns of lines for people, where the terminal is not narrower
 COLUMNS = 80
+#: time between two lines on the progress where stderr is no terminal, s
+SECONDS_BETWEEN_LINES = 30.0
 #: how lines are wrapped: a path or a number stays whole
 _WHOLE_WORDS: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
 #: largest number of scenes whose answers are printed one by one
@@ -288,6 +291,12 @@ class _Meter:
         words = f"{self.state.done}/{self.state.total} runs{rate}, {self.state.failures} failed"
         return f"{words}: {'; '.join(self.state.running) or self.label}"
 
+    @property
+    def elapsed(self) -> str:
+        """Minutes and seconds since the start, and the fraction that is done if it is known."""
+        minutes, seconds = divmod(round(time.monotonic() - self._began), 60)
+        return f"{minutes} min {seconds:02} s" + (f", {100.0 * self.fraction:.0f} %" if self.fraction else "")
+
     def as_json(self) -> dict[str, Any]:
         """Return the state for a program."""
         seconds, state = time.monotonic() - self._began, self.state
@@ -309,7 +318,7 @@ def columns() -> int:
 
 @contextmanager
 def bar(as_json: bool = False, label: str = "") -> Iterator[Callable[[float, int, str], None] | None]:
-    """Yield the callback of a progress bar with the remaining time on a terminal; None in a pipe.
+    """Yield the callback of a progress bar with the remaining time on a terminal; elsewhere print a line each 30 s.
 
     ``as_json``: a line of JSON on stderr in place of the bar, whenever the state has changed. ``label``: what is shown
     until the first call.
@@ -319,7 +328,10 @@ def bar(as_json: bool = False, label: str = "") -> Iterator[Callable[[float, int
             yield progress
         return
     if not sys.stderr.isatty():
-        yield None
+        meter = _Meter(lambda meter: None)
+        meter.label = label
+        with _metered(meter) as progress, _repeated(meter):
+            yield progress
         return
     # the import of rich takes a tenth of a second or two: words are shown before it
     words = (label or "begins")[: shutil.get_terminal_size().columns - 1]
@@ -353,6 +365,24 @@ def _metered(meter: _Meter) -> Iterator[Callable[[float, int, str], None]]:
 
     with watching(meter.watch):
         yield meter.advance
+
+
+@contextmanager
+def _repeated(meter: _Meter) -> Iterator[None]:
+    """Print the state on stderr each 30 s, also while one run lasts longer, so that a log shows what runs."""
+    done = threading.Event()
+
+    def repeat() -> None:
+        while not done.wait(SECONDS_BETWEEN_LINES):
+            print(f"dem-bridge: {meter.elapsed}: {meter.text}", file=sys.stderr, flush=True)
+
+    thread = threading.Thread(target=repeat, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
 
 
 def _print_state(meter: _Meter) -> None:

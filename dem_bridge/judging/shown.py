@@ -64,9 +64,8 @@ class JudgementStudy(Study):
 def judgement_study(judgement: Judgement) -> Study:
     """Return the page of a judgement as data."""
     texts = dict(lines(judgement))
-    where = f" ({judgement.where})" if judgement.where else ""
-    first = [texts.pop("outcome"), f"Cause: {judgement.cause}{where}. {judgement.evidence}"]
-    further = [f"{name.capitalize()}: {text}" for name, text in texts.items() if name != "cause"]
+    first = [text for name in ("outcome", "next") if (text := texts.pop(name))]
+    further = [f"{name.capitalize()}: {text}" for name, text in texts.items()]
     names = [file.record.name for file in judgement.files]
     method = "Taylor series" if SERIES.covers(judgement.scene) else "DOP853 with located openings and closings"
     tables = [_error_table(judgement)]

@@ -72,13 +72,15 @@ _UNJUDGED = {
 _MISSED = {Outcome.BROKEN: "broken", Outcome.FAIL: "failed", Outcome.UNDECIDED: "undecided"}
 
 
-def outcomes_of(verdicts: Iterable[Verdict]) -> Outcomes | None:
-    """Return in words how many verdicts pass; None without a verdict that can.
+def outcomes_of(verdicts: Iterable[Verdict], of: str = "") -> Outcomes | None:
+    """Return in words how many verdicts ``of`` something pass; None without a verdict that can.
 
     >>> from dataclasses import replace
     >>> passed = Verdict(scene="", quantity="", backend="", reference="", outcome=Outcome.PASS, sentence="")
     >>> outcomes_of([passed, replace(passed, outcome=Outcome.FAIL), replace(passed, outcome=Outcome.NOT_RUN)])
     Outcomes(worst=<Outcome.FAIL: 'FAIL'>, judged='1 of 2 checks pass: 1 failed', others='1 not run')
+    >>> outcomes_of([passed], "LAMMPS").judged
+    '1 check of LAMMPS: passed'
     """
     counts = Counter(verdict.outcome for verdict in verdicts)
     total = sum(counts[outcome] for outcome in _JUDGED)
@@ -86,9 +88,11 @@ def outcomes_of(verdicts: Iterable[Verdict]) -> Outcomes | None:
         return None
     missed = ", ".join(f"{counts[outcome]} {word}" for outcome, word in _MISSED.items() if counts[outcome])
     others = "; ".join(f"{counts[outcome]} {words}" for outcome, words in _UNJUDGED.items() if counts[outcome])
-    judged = f"{counts[Outcome.PASS]} of {total} check{'s' * (total > 1)} pass{'es' * (total == 1)}"
     worst = next(outcome for outcome in _JUDGED if counts[outcome])
-    return Outcomes(worst, judged + (f": {missed}" if missed else ""), others)
+    judged = f"{counts[Outcome.PASS]} of {total} checks{of and f' of {of}'} pass{missed and f': {missed}'}"
+    return Outcomes(
+        worst, judged if total > 1 else f"1 check{of and f' of {of}'}: {_MISSED.get(worst, 'passed')}", others
+    )
 
 
 class Valued(NamedTuple):
@@ -161,12 +165,15 @@ def number(value: float | None, digits: int = 2) -> str:
 def power(value: float) -> Markup:
     """Return a relative error with two digits as HTML: in per cent, or below a thousandth with a power of ten.
 
-    >>> str(power(1.12e-6)), str(power(0.0234)), str(power(0.0))
-    ('1.1×10<sup>−6</sup>', '2.3 %', '0')
+    >>> str(power(1.12e-6)), str(power(0.0234)), str(power(1.0)), str(power(0.0))
+    ('1.1×10<sup>−6</sup>', '2.3 %', '100 %', '0')
     """
     if value == 0.0:
         return Markup("0")
-    return typeset(f"{value:.1e}" if abs(value) < 1e-3 else f"{100.0 * value:.2g} %")
+    percent = 100.0 * value
+    return typeset(
+        f"{value:.1e}" if abs(value) < 1e-3 else f"{percent:.2g} %" if abs(percent) < 99.5 else f"{percent:.0f} %"
+    )
 
 
 def digits_of(value: float, uncertainty: float) -> int:

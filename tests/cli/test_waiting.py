@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
+
+from dem_bridge.cli import terminal
+from dem_bridge.foundation.progress import campaign
 
 #: ends the process at the first progress, with the label and whether numpy or rich was imported before it
 BEGINS = """
@@ -63,3 +67,21 @@ def test_a_command_says_what_runs_before_it_imports_numpy(words: str, label: str
 def test_the_label_is_shown_before_rich_is_imported() -> None:
     done = subprocess.run([sys.executable, "-c", SHOWN], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "a chain is solved")
+
+
+def test_a_log_has_a_line_on_what_runs_while_one_run_lasts(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(terminal, "SECONDS_BETWEEN_LINES", 0.02)
+    with terminal.bar(label="steps are chosen") as progress, campaign(4, 1) as state:
+        assert progress is not None
+        time.sleep(0.1)
+        state.update(done=1, running=("pair: verlet",))
+        progress(0.5, 1, "pair")
+        time.sleep(0.1)
+    first, *_, last = capsys.readouterr().err.splitlines()
+    assert first == "dem-bridge: 0 min 00 s: 1/4 runs, 0 failed: steps are chosen"
+    assert last.startswith("dem-bridge: 0 min 00 s, 50 %: 2/4 runs, ")
+    assert last.endswith(" 0 failed: pair: verlet")
+    time.sleep(0.1)
+    assert capsys.readouterr().err == ""  # the lines end with the work

@@ -235,7 +235,7 @@ def test_a_paper_opens_with_its_numbers_and_details_stand_in_the_appendix(whole:
     first, main = text.split('id="figures"')[0], text.split('id="appendix"')[0]
     opening = text.split('<p class="lead">')[0]
     assert "<b>17 of" not in opening
-    assert '<span class="pill PASS">17 of 17 checks pass</span>' in opening
+    assert '<span class="pill PASS">17 of 17 checks of LAMMPS and of our codes pass</span>' in opening
     for headline in paper.headlines:
         assert f"<li><b>{typeset(headline.number)}</b>{typeset(headline.sentence)}</li>" in opening
     assert opening.count('class="cell ') == len(paper.claims) + len({claim.kind for claim in paper.claims})

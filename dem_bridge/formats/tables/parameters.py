@@ -34,6 +34,7 @@ NOTES = {
     ),
     "equation": ("eq. 3.1: Chaunsali, Kim & Yang (2018), with their approximate axis ratio of the contact ellipse"),
     "spheres": "a contact with a sphere has no angle, and eq. 3.1 applies to two crossed cylinders only",
+    "exponent": "n is the exponent of the potential; the force is stiffness overlap^(n-1): overlap^1.5 for n = 2.5",
     "walls": "walls have a stiffness and an exponent n, but no shape and no material",
     "not_granular": ("LAMMPS model and k_n are empty because pair_style granular cannot express the scene: {reason}"),
     "k_n": (
@@ -121,6 +122,7 @@ def contacts(scene: Scene, run: Trajectory | None = None, **deck_settings: Any) 
     notes: list[str] = []
     values: dict[str, Any] = {"contact": range(scene.n_contact), "where": _kinds(scene), **_geometry(scene, notes)}
     values |= {"stiffness": c.stiffness, "exponent": c.exponent, "gap": c.gap, **_deck_columns(scene, deck, notes)}
+    notes.append(NOTES["exponent"])
     values |= _predictions(scene, deck.prescan, notes) | _results(scene, run, notes)
     details = {"lammps_k_n": {"unit": _unit_of(values.get("lammps_model", [None] * scene.n_contact))}}
     if (damping := scene.damping) is not None:
@@ -144,11 +146,12 @@ def _geometry(scene: Scene, notes: list[str]) -> dict[str, Any]:
             for k, angle in enumerate(geometry.angle)
         ]
     )
-    if np.isnan(paper).any():
+    if np.isnan(paper).any() and not np.isnan(paper).all():
         notes.append(NOTES["spheres"])
     if scene.n_contact > len(scene.stiffness):
         notes.append(NOTES["walls"])
-    notes.append(NOTES["equation"])
+    if not np.isnan(paper).all():  # a chain of spheres has no angles
+        notes.append(NOTES["equation"])
     values = {"stiffness_paper": paper, "stiffness_exact": exact, "paper_over_exact": paper / exact}
     return {"angle": geometry.angle, **values}
 

@@ -151,12 +151,14 @@ class Check(KeyedAnswer):
             parts.append(f"the law is wrong: {law.sentence.partition(': ')[2].rstrip('.')}")
         elif self.engine_answer.outcome is Outcome.FAIL:
             parts.append(f"the script meets a known defect of LAMMPS, {self.engine_answer.defects[0].name}")
+        if step.assumed:
+            parts.append(f"the scene gives no step; {step.step}, {step.assumed}, was assumed")
         if step.outcome is Outcome.FAIL:
             rest = "; all of it is the time step" if law.outcome is Outcome.PASS and not step.why else ""
             parts.append(f"the step is too coarse: {step.headline}{rest}")
         if law.outcome is Outcome.BROKEN:
             parts.append(law.sentence.rstrip("."))
-        if law.outcome is Outcome.PASS and step.outcome is Outcome.PASS and not parts:
+        if law.outcome is Outcome.PASS and step.outcome is Outcome.PASS and len(parts) == bool(step.assumed):
             error = f"within {share(step.error)} of the largest, {share(step.accuracy)} is allowed"
             doubts = [entry.sentence for entry in self.plausible if entry.look and entry.name in _NAMES_OF_DOUBTS]
             doubt = f", but look at the numbers: {'; '.join(doubts)}" if doubts else ""

@@ -18,7 +18,7 @@ from dem_bridge.judging.check.law import EngineAnswer, LawAnswer, engine_of, law
 from dem_bridge.judging.check.plausible import plausibility_of
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
 from dem_bridge.judging.check.subject import Subject, subject_of
-from dem_bridge.judging.check.words import number
+from dem_bridge.judging.check.words import number, share
 from dem_bridge.judging.deck import user_deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_of
@@ -246,7 +246,7 @@ def _merged(edits: tuple[Edit, ...]) -> tuple[Edit, ...]:
 
 # ---------------------------------------------------------------- the answer
 def _answer(lab: Laboratory, first: Finding, last: Finding, edits: tuple[Edit, ...], accuracy: float) -> Check:
-    subject, step = lab.subject, first.step
+    subject, step = lab.subject, replace(first.step, assumed=lab.subject.assumed)
     engine: EngineAnswer = engine_of(subject.deck, first.version, first.law.outcome)
     texts = subject.texts()
     text = texts[subject.path.name]
@@ -254,7 +254,7 @@ def _answer(lab: Laboratory, first: Finding, last: Finding, edits: tuple[Edit, .
         step = last.step if step.outcome is not Outcome.PASS else step
     command = ""
     if subject.of_scene and step.factor > 1 and step.dt is not None:
-        command = f"dem-bridge deck {subject.of_scene} --dt {step.dt / step.factor:.6g} -o DIR"
+        command = f"dem-bridge deck {subject.of_scene} --dt {step.dt / step.factor:.6g} -o DIR  # {_relation(step)}"
     originals = {file: body for file, body in texts.items() if file not in subject.changed} | {
         file: (subject.path.parent / file).read_text(encoding="utf-8-sig") for file in subject.changed
     }
@@ -275,6 +275,14 @@ def _answer(lab: Laboratory, first: Finding, last: Finding, edits: tuple[Edit, .
         companions=subject.companions() if edits else {},
         pictures=_pictures(lab, first),
     )
+
+
+def _relation(step: StepAnswer) -> str:
+    """Return what the step of a command is beside the step that was checked and the largest one for the accuracy."""
+    tried = f": LAMMPS errs by {share(step.confirmed)}" if math.isfinite(step.confirmed) else ""
+    largest = step.largest_for_accuracy
+    most = f"; at most {number(largest)} {step.unit} gives {share(step.accuracy)}" if largest > 0.0 else ""
+    return f"1/{step.factor} of {step.step}{tried}{most}"
 
 
 def _title(lab: Laboratory) -> str:

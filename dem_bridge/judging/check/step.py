@@ -57,6 +57,8 @@ class StepAnswer:
     order: float = 2.0
     """Order of the error in the step."""
     outcome: Outcome = Outcome.UNDECIDED
+    assumed: str = ""
+    """What the step is that was assumed because a scene gives none; '' where it was given."""
     why: str = ""
     """Why the step is undecided, or further words."""
 

@@ -47,6 +47,8 @@ class Subject:
     """Lines that the script lacks."""
     of_scene: str = ""
     """Name or path of the scene whose deck was written; '' for an input script."""
+    assumed: str = ""
+    """What the step of a scene's deck is, such as "1/50 of the shortest contact time"; '' if it was given."""
     variables: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -169,20 +171,28 @@ def _deck_of(scene: Scene, name: str, folder: Path, dt: float | None) -> Subject
     backend = LammpsGranular(None)
     if reason := unsupported_reason(backend, scene):
         raise UnsupportedScene(f"LAMMPS cannot do {scene.name}: {reason}")
+    assumed = ""
     if dt is None:
-        dt = _default_step(scene)
+        dt, assumed = _default_step(scene)
     for name_of_file, text in deck_files(scene, dt).items():
         (folder / name_of_file).write_text(text, encoding="utf-8")
     path = folder / f"in.{scene.name}"
-    return Subject(name=scene.name, path=path, deck=user_deck(path, scene), scene=scene, of_scene=name)
+    deck = user_deck(path, scene)
+    return Subject(name=scene.name, path=path, deck=deck, scene=scene, of_scene=name, assumed=assumed)
 
 
-def _default_step(scene: Scene) -> float:
-    """Return a fiftieth of the shortest contact time, s; if nothing moves at first, of half a period of a contact."""
+def _default_step(scene: Scene) -> tuple[float, str]:
+    """Return the step, s, that is assumed for a scene, and what it is in words.
+
+    It is a fiftieth of the shortest contact time; if nothing moves at first, of half a period of a contact.
+    """
+    part = f"1/{STEPS_OF_CONTACT:g} of"
     if (contact := contact_time_of(scene)) is not None:
-        return contact / STEPS_OF_CONTACT
+        return contact / STEPS_OF_CONTACT, f"{part} the shortest contact time"
     frequency = prescan_scene(scene).frequency
-    return math.pi / frequency / STEPS_OF_CONTACT if frequency > 0.0 else scene.duration / scene.samples
+    if frequency > 0.0:
+        return math.pi / frequency / STEPS_OF_CONTACT, f"{part} half the shortest period of a contact"
+    return scene.duration / scene.samples, "the time between two samples"
 
 
 def deck_files(scene: Scene, dt: float) -> Mapping[str, str]:

@@ -28,7 +28,7 @@ TEXTS = Texts("overview", "dem_bridge.studies")
 #: parts of the abstract in their order
 PARTS = ("question", "method", "result", "effects", "criteria", "not_verified")
 #: kinds of statements that miss their criterion, in the order of the table
-WRONG = {"limit": "beyond our limit", "theory": "theory off", "print": "wrong in print"}
+WRONG = {"print": "wrong in print", "theory": "theory off", "limit": "beyond our limit"}
 WRONG_COLUMNS = ("no.", "about", "found (criterion)", "kind")
 #: outcomes of comparisons that can pass or fail
 _JUDGED = (Outcome.PASS, Outcome.FAIL, Outcome.UNDECIDED, Outcome.BROKEN)
@@ -37,7 +37,7 @@ _MOST = 0.9
 
 
 def headlines(claims: Sequence[Claim], studies: Sequence[SceneStudy], runs: Runs) -> tuple[Headline, ...]:
-    """Return the numbers that the page shows large: error of LAMMPS, arrival by BCA, statements that hold."""
+    """Return the numbers shown large: error of LAMMPS, central result, arrival by BCA, statements that hold."""
     found = []
     of_main = [study for study in studies if study.scene.name in MAIN and study.budgets]
     of_main = [study for study in of_main if math.isfinite(study.budgets[0].found)]
@@ -45,6 +45,9 @@ def headlines(claims: Sequence[Claim], studies: Sequence[SceneStudy], runs: Runs
         worst = max(of_main, key=lambda study: study.budgets[0].found)
         found.append(Headline(number=f"{worst.budgets[0].found:.1e}", sentence=_error(worst)))
     by_id = {claim.id: claim for claim in claims}
+    if (speeds_of_wave := _ratios(by_id)) is not None:
+        low, high = speeds_of_wave
+        found.append(Headline(number=f"{low:.2f} and {high:.2f}", sentence=TEXTS("wave")))
     away = _away(by_id)
     chains = [(runs.scenes[name], runs.run(name, "bca"), runs.truth(name)) for name in MAIN if runs.has(name)]
     speeds = [_middle_speed(scene, bca) / _middle_speed(scene, truth) for scene, bca, truth in chains if bca and truth]
@@ -119,20 +122,27 @@ def _errors(studies: Sequence[SceneStudy]) -> str:
     return _within("errors", error=max(budget.found for budget in budgets)) if budgets else ""
 
 
+def _ratios(by_id: Mapping[str, Claim]) -> tuple[float, float] | None:
+    """Return V_out/V_in of the decelerating and of the accelerating chain; None unless both statements hold."""
+    both = [by_id.get(id) for id in ("decelerates", "accelerates")]
+    held = [claim for claim in both if claim is not None and claim.outcome is Outcome.PASS]
+    return (by(held[0].values).value, by(held[1].values).value) if len(held) == len(both) else None
+
+
 def _central(claims: Sequence[Claim], runs: Runs) -> str:
     """Return the central statement with its numbers; without them unless it holds."""
     by_id = {claim.id: claim for claim in claims}
     central = [by_id.get(id) for id in ("decelerates", "accelerates", "arrival-by-bca")]
     if any(claim is None or claim.outcome is not Outcome.PASS for claim in central):
         return _within("no_central")
-    slow, fast = (claim.values for claim in central[:2] if claim is not None)
+    low, high = _ratios(by_id) or (math.nan, math.nan)
     chains = [(runs.scenes[name], runs.run(name, "bca"), runs.truth(name)) for name in MAIN]
     along = [deviation("arrival", scene, bca, truth) for scene, bca, truth in chains if bca and truth]
     ends = [(bca.crossing_time[2:38], truth.crossing_time[2:38]) for _, bca, truth in chains if bca and truth]
     return _within(
         "central",
-        low=by(slow).value,
-        high=by(fast).value,
+        low=low,
+        high=high,
         away=_away({claim.id: claim for claim in claims}),
         worst=max(float(np.max(np.abs(of_chain))) for of_chain in along),
         wide=max(float(np.max(np.abs(by_theory / exact - 1.0))) for by_theory, exact in ends),
@@ -187,12 +197,10 @@ def _single_cylinders(runs: Runs) -> dict[str, float]:
 def wrong_table(claims: Sequence[Claim]) -> Table:
     """Return the table of the statements that miss their criterion, by kind, and of theories without one."""
     numbers = {claim.id: number for number, claim in enumerate(claims, start=1)}
-    failed = sorted(failures(claims), key=lambda item: list(WRONG).index(item[0].kind))
-    rows: list[tuple[str | float, ...]] = [(numbers[c.id], what, c.short, WRONG[c.kind]) for c, _, what in failed]
-    for claim in claims:
-        if claim.outcome is Outcome.MODEL_DIFFERENCE:
-            about = claim.id.replace("-", " ")
-            rows.append((numbers[claim.id], about, claim.short, WRONG[claim.kind]))
+    listed = [(claim, what) for claim, _, what in failures(claims)]
+    listed += [(c, c.id.replace("-", " ")) for c in claims if c.outcome is Outcome.MODEL_DIFFERENCE]
+    listed.sort(key=lambda item: list(WRONG).index(item[0].kind))  # the order within a kind stays
+    rows = [(numbers[claim.id], what, claim.short, WRONG[claim.kind]) for claim, what in listed]
     return TEXTS.table("wrong", WRONG_COLUMNS, rows)
 
 

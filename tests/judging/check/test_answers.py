@@ -268,8 +268,28 @@ def test_the_deck_of_a_scene_is_checked_at_a_step(tmp_path: Path) -> None:
     with subject_of(scene, dt=1e-6) as subject:
         assert (subject.deck.dt, subject.of_scene) == (pytest.approx(1e-6), "pair")
         assert "timestep        ${dt}" in subject.finer(2)["in.pair"]
+        assert subject.assumed == ""
     with subject_of(replace(scene, duration=3e-4)) as subject:  # 1/50 of the contact time
         assert subject.deck.dt == pytest.approx(1.2e-6, rel=0.5)
+        assert subject.assumed == "1/50 of the shortest contact time"
+
+
+@pytest.mark.lammps
+def test_a_step_that_was_assumed_is_called_so_and_the_one_to_write_stands_beside_it() -> None:
+    scene = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+    assumed = db.check(scene, accuracy=1e-4)
+    words = assumed.headline
+    assert words.startswith("The scene gives no step; ")
+    assert "s, 1/50 of the shortest contact time, was assumed. The step is too coarse: at " in words
+    [command] = assumed.advice
+    line, _, relation = command.partition("  # ")
+    step = float(line.split(" --dt ")[1].split()[0])
+    parts = int(relation.removeprefix("1/").split()[0])
+    assert step == pytest.approx(assumed.step["dt"] / parts, rel=1e-5)
+    assert step <= assumed.step["largest_for_accuracy"]
+    assert relation.endswith(" gives 0.01 %")
+    again = db.check(scene, accuracy=1e-4, dt=step)
+    assert (again.outcome, "gives no step" in again.headline) == ("PASS", False)
 
 
 def test_the_law_of_a_script_is_named_by_its_models(tmp_path: Path) -> None:

@@ -104,7 +104,11 @@ def test_what_is_missing_is_left_out_of_the_abstract() -> None:
 
 
 def test_the_large_numbers_are_those_of_budgets_arrivals_and_claims(claims: tuple[Claim, ...], runs: Runs) -> None:
-    error, arrival, statements = headlines(claims, BUDGETED, runs)
+    error, wave, arrival, statements = headlines(claims, BUDGETED, runs)
+    assert wave.number == "0.39 and 2.35"
+    assert "slows down in the decelerating chain and speeds up" in wave.sentence
+    undone = [replace(claim, outcome=Outcome.FAIL) if claim.id == "accelerates" else claim for claim in claims]
+    assert "slows down" not in " ".join(item.sentence for item in headlines(undone, BUDGETED, runs))
     assert error.number == "2.0e-06"
     assert "Cause: the time step. Half the step has a quarter" in error.sentence
     ends = [[runs.run(name, by) for name in MAIN] for by in ("bca", REFERENCE)]
@@ -195,3 +199,11 @@ def test_no_text_of_these_figures_covers_another(draw: object, runs: Runs) -> No
     figure = tornado(EFFECTS) if draw is tornado else validity_figure(runs)
     assert isinstance(figure, FigureData)
     assert assert_legible(draw_figure(figure)) > 10
+
+
+def test_rows_of_the_paper_name_the_chain_of_each_number_and_stand_by_kind(claims: tuple[Claim, ...]) -> None:
+    kinds = [row[3] for row in wrong_table(claims).rows]
+    assert kinds == sorted(kinds, key=["wrong in print", "theory off", "beyond our limit"].index)
+    short = {claim.id: claim.short for claim in claims}
+    assert short["arrival-by-bca"].endswith("(ours: 5 %); from cylinder 3 to 38 up to 6.4 %, which is beyond it")
+    assert "decelerating-40 7.2 (two bodies), 12.2 (in the chain)" in short["lumped-mass"]
