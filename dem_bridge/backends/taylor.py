@@ -78,10 +78,11 @@ def integrate(
                 contacts[joins].s = 0.0
             elif event == Event.FELT:
                 contacts[joins].s = max(contacts[joins].s, contacts[joins].touch)
-        # contacts that fade out together with another one: too weak to be felt, and opening
+        # contacts that fade out together with another one: too weak to be felt, and opening or at rest, where dt = w dr
+        # would stand still
         for j in range(first, last + 1):
             fades = contacts[j].shut and j != joins and contacts[j].s < contacts[j].touch
-            if fades and bodies[j].v < bodies[j + 1].v:
+            if fades and bodies[j].v <= bodies[j + 1].v:
                 contacts[j].shut = False
                 opened += 1
         if opened + closed > former:

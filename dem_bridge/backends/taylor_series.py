@@ -15,6 +15,8 @@ from dem_bridge.foundation.compiled import Floats, kernel
 
 #: coefficients looked at for the length of a step: by symmetry some may vanish
 _TAIL = 5
+#: smallest number with all digits
+_SMALLEST = float(np.finfo(np.float64).tiny)
 
 
 class Event(IntEnum):
@@ -141,16 +143,14 @@ def series_length(
     """Return the length of a step for which the last coefficients contribute ``accuracy`` of speeds and overlaps."""
     order, v, s, step = series.shape[2] - 1, series[V], series[S], np.inf
     for o in range(order - _TAIL + 1, order + 1):
-        largest = 0.0
+        # those of a faint contact are 0 because they are smaller than doubles can be
+        largest = _SMALLEST / speed
         for i in range(first, last + 2):
             largest = max(largest, abs(v[i, o]) / speed)
         for j in range(first, last + 1):
             if contacts[j].closed and j != near:
-                largest = max(largest, abs(s[j, o]) / max(contacts[j].s, contacts[j].touch))
-        if largest > 0.0:
-            step = min(step, (accuracy / largest) ** (1.0 / o))
-    if not step < np.inf:
-        step = 1.0
+                largest = max(largest, max(abs(s[j, o]), _SMALLEST) / max(contacts[j].s, contacts[j].touch))
+        step = min(step, (accuracy / largest) ** (1.0 / o))
     # a closed contact other than the nearest must stay well away from its own singularity
     for j in range(first, last + 1):
         if contacts[j].closed and j != near:

@@ -121,3 +121,17 @@ def test_steps_of_distant_chains_do_not_depend_on_each_other() -> None:
         ).cost.steps  # fmt: skip
 
     assert steps(20) <= 1.2 * 20 * steps(1)
+
+
+def test_a_contact_too_faint_for_the_last_coefficients_has_long_steps() -> None:
+    # closing at 5e-26 m/s the last coefficients are 0 in doubles: a step of one unit of r ended where it began
+    scene = Scene(
+        name="faint", duration=1e-5, mass=(6.6e-5,) * 3, stiffness=(5e10,) * 2, velocity=(3e-6, 5e-26, 0.0),
+        gap=(1e-3, 5e-32), samples=4,
+    )  # fmt: skip
+    run = db.solve(scene, backend="reference", uncertainty=False)
+    assert run.cost.steps < 100
+    assert np.array_equal(run.velocity[-1], [3e-6, 5e-26, run.velocity[-1, 2]])
+    # the force of a contact that has closed for the whole time gives less than this, m/s
+    overlap = 5e-26 * scene.duration
+    assert 0.0 < run.velocity[-1, 2] < 5e10 * overlap**1.5 * scene.duration / 6.6e-5

@@ -126,7 +126,7 @@ def test_lammps_errs_as_its_twin_does_and_the_answer_says_so() -> None:
         # the round-off of a small gauge, as measured elsewhere to 1e-9 at many more steps
         assert float(apart) < 1e-9 < 1e-2 * float(error)
     assert sum("LAMMPS on short" in sentence for sentence in found.answer) == 2
-    assert found.figures[0].panels[1].series[0].style == "reference"
+    assert found.figures[0].panels[1].series[0].style == "black line"
 
 
 def test_without_lammps_the_twin_still_answers(monkeypatch: pytest.MonkeyPatch) -> None:
