@@ -1,7 +1,6 @@
 """Support of a code: a declaration of the scenes that it can solve, from which the reasons for all others follow.
 
->>> from dem_bridge.scene.derived import derived
-from dem_bridge.scene.features import GAPS
+>>> from dem_bridge.scene.features import GAPS
 >>> import dem_bridge as db
 >>> support = Support({GAPS})
 >>> pair = db.Scene(name="pair", duration=1e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), drag=1.0)

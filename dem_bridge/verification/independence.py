@@ -138,7 +138,7 @@ def imported_modules(module: str) -> frozenset[str]:
     It is the seam at which a test plants an import.
 
     >>> sorted(imported_modules("dem_bridge.scene.support"))
-    ['dem_bridge.scene.features', 'dem_bridge.scene.scene']
+    ['dem_bridge.scene.derived', 'dem_bridge.scene.features', 'dem_bridge.scene.scene']
     """
     file = file_of_module(module)
     assert file is not None

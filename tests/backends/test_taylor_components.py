@@ -131,7 +131,7 @@ def test_a_contact_too_faint_for_the_last_coefficients_has_long_steps() -> None:
     )  # fmt: skip
     run = db.solve(scene, backend="reference", uncertainty=False)
     assert run.cost.steps < 100
-    assert np.array_equal(run.velocity[-1], [3e-6, 5e-26, run.velocity[-1, 2]])
+    np.testing.assert_allclose(run.velocity[-1, :2], [3e-6, 5e-26], rtol=1e-10)
     # the force of a contact that has closed for the whole time gives less than this, m/s
     overlap = 5e-26 * scene.duration
     assert 0.0 < run.velocity[-1, 2] < 5e10 * overlap**1.5 * scene.duration / 6.6e-5

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, RunBroken, UnsupportedScene, UsageError
+from dem_bridge.foundation.words import share
 from dem_bridge.judging.check.answer import Check, Pictures
 from dem_bridge.judging.check.edits import Edit, applied
 from dem_bridge.judging.check.laboratory import Laboratory, Progress
@@ -18,7 +19,7 @@ from dem_bridge.judging.check.law import EngineAnswer, LawAnswer, engine_of, law
 from dem_bridge.judging.check.plausible import plausibility_of
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
 from dem_bridge.judging.check.subject import Subject, subject_of
-from dem_bridge.judging.check.words import number, share
+from dem_bridge.judging.check.words import number
 from dem_bridge.judging.deck import user_deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_of

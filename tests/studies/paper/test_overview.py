@@ -202,8 +202,9 @@ def test_no_text_of_these_figures_covers_another(draw: object, runs: Runs) -> No
 
 
 def test_rows_of_the_paper_name_the_chain_of_each_number_and_stand_by_kind(claims: tuple[Claim, ...]) -> None:
-    kinds = [row[3] for row in wrong_table(claims).rows]
-    assert kinds == sorted(kinds, key=["wrong in print", "theory off", "beyond our limit"].index)
+    kinds = [str(row[3]) for row in wrong_table(claims).rows]
+    order = ("wrong in print", "theory off", "beyond our limit")
+    assert kinds == sorted(kinds, key=lambda kind: order.index(kind))
     short = {claim.id: claim.short for claim in claims}
     assert short["arrival-by-bca"].endswith("(ours: 5 %); from cylinder 3 to 38 up to 6.4 %, which is beyond it")
     assert "decelerating-40 7.2 (two bodies), 12.2 (in the chain)" in short["lumped-mass"]
