@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,6 @@ from dem_bridge.runs.inspect import entries
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.file import shipped_scenes
 from dem_bridge.scene.file.drive import read_force
-from dem_bridge.studies.measurement.readings import read_measurement
 from dem_bridge.verification import replay
 from dem_bridge.verification.bundle import check_bundle
 from dem_bridge.verification.regression.baseline import read_baseline
@@ -363,6 +363,12 @@ def _judged(path: Path) -> object:
     return read_record(path, PAIR)
 
 
+def _read_measured(path: Path) -> Any:
+    from dem_bridge.studies.measurement.readings import read_measurement
+
+    return read_measurement([path], PAIR)
+
+
 def _any_run() -> list[bytes]:
     return [_written("lammpstrj"), _written("extxyz"), _written("csv"), *_netcdf()[1:], *_tables(), *_vtk(), *_npz()]
 
@@ -371,7 +377,6 @@ TARGETS = {
     "scene": Target(_small_scenes, "scene.toml", db.load_scene, prepare=_force),
     "scene CSV": Target(_scene_csv, "scene.csv", lambda path: db.scene_from_csv(path, duration=1e-4)),
     "drive CSV": Target(lambda: [b"time,force\n0,0\n5e-5,1.5\n1e-4,-0.5\n"], "force.csv", read_force),
-    "measured CSV": Target(_measured, "laser.csv", lambda path: read_measurement([path], PAIR)),
     "deck": Target(_deck("in"), "in.pair", db.scene_from_deck, prepare=_more_of_deck("in")),
     "data of a deck": Target(
         _deck("data"), "data.pair", _read_deck_of, prepare=_more_of_deck("data")
@@ -397,3 +402,5 @@ TARGETS = {
     ),
     "store entry": Target(_entries, f"{_KEY}.run", _read_entry, structure=_of_entry, finish=_with_sum),
 }  # fmt: skip
+if find_spec("dem_bridge.studies"):  # its reader is that of a study
+    TARGETS["measured CSV"] = Target(_measured, "laser.csv", _read_measured)

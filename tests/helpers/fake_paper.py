@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Claim, ClaimValue, FigureData, Headline, Map, Panel, Points, Series, Table
-from dem_bridge.studies.paper.claims import KINDS
-from dem_bridge.studies.paper.opening import wrong_table
-from dem_bridge.studies.paper.study import claims_table
 from dem_bridge.verification.verification import Verification, verification_of
 
 _STATEMENT = (
@@ -36,8 +35,14 @@ NOTHING = verification_of((), accuracy=1e-3, wall=0.0)
 
 
 def fake_paper(verification: Verification = NOTHING) -> Verification:
-    """Return a verification with 20 claims, 6 tables of up to 200 rows and 14 columns, 5 figures."""
-    claims = tuple(_claim(i) for i in range(20))
+    """Return a verification with 20 claims, 6 tables of up to 200 rows and 14 columns, 5 figures.
+
+    Its claims and two tables are those of the study of the paper: where no studies are installed the test is skipped.
+    """
+    paper = pytest.importorskip("dem_bridge.studies.paper.study")
+    kinds = pytest.importorskip("dem_bridge.studies.paper.claims").KINDS
+    wrong_table = pytest.importorskip("dem_bridge.studies.paper.opening").wrong_table
+    claims = tuple(_claim(i, kinds) for i in range(20))
     return replace(
         verification,
         id="paper",
@@ -71,12 +76,12 @@ def fake_paper(verification: Verification = NOTHING) -> Verification:
             *verification.not_verified,
         ),
         claims=claims,
-        tables=(claims_table(claims), wrong_table(claims), _budget(), *_tables(), *verification.tables),
+        tables=(paper.claims_table(claims), wrong_table(claims), _budget(), *_tables(), *verification.tables),
         figures=(_figure(2), _scale(), *(_figure(i) for i in range(3, 7))),
     )
 
 
-def _claim(i: int) -> Claim:
+def _claim(i: int, kinds: Mapping[Outcome, str]) -> Claim:
     outcome = _OUTCOMES[i % len(_OUTCOMES)]
     values = tuple(
         ClaimValue(
@@ -94,7 +99,7 @@ def _claim(i: int) -> Claim:
         statement=_STATEMENT[i % len(_STATEMENT)],
         outcome=outcome,
         sentence=_SENTENCE[i % len(_SENTENCE)],
-        kind=KINDS.get(outcome, "limit"),
+        kind=kinds.get(outcome, "limit"),
         values=() if outcome is Outcome.NOT_RUN else values,
     )
 

@@ -16,7 +16,6 @@ from dem_bridge import observables
 from dem_bridge.observables.registry import OBSERVABLES, declared_in
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Table
-from dem_bridge.studies.work_precision import curves as work_curves
 from dem_bridge.verification.checks import accuracy
 from dem_bridge.verification.roles import assign_roles
 from tests.helpers.command_line import run_here
@@ -110,7 +109,7 @@ def test_plan_finds_settings_for_it(file: Path, tmp_path: Path) -> None:
 
 
 def test_work_precision_measures_it(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(work_curves, "HALVINGS", 2)
+    monkeypatch.setattr(pytest.importorskip("dem_bridge.studies.work_precision.curves"), "HALVINGS", 2)
     study = db.study("work-precision", file, backends=["verlet"], limit=60.0, repeats=1, store=False)
     table = next(table for table in study.tables if "mean_velocity" in table.columns)
     errors = [row[table.columns.index("mean_velocity")] for row in table.rows]

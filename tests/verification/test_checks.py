@@ -11,7 +11,6 @@ import pytest
 from dem_bridge.observables import verdict
 from dem_bridge.observables.verdict import Outcome, judge
 from dem_bridge.scene.scene import Scene
-from dem_bridge.studies import styles
 from dem_bridge.trajectory.trajectory import UNKNOWN, Trajectory
 from dem_bridge.verification import checks
 from dem_bridge.verification.reference import SCIPY_UNCERTAINTY
@@ -74,7 +73,7 @@ def test_an_uncertainty_of_the_whole_value_decides_nothing(name: str, share: flo
 @pytest.mark.parametrize("name", CHECKS)
 def test_without_the_rule_any_value_would_pass(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # the fault that the test above catches
-    for module in (checks, compare, styles, verdict):
+    for module in (checks, compare, verdict):
         monkeypatch.setattr(module, "judge_relative", judge)
     assert CHECKS[name](5.0) is Outcome.PASS
 
