@@ -144,7 +144,7 @@ def series_length(
     order, v, s, step = series.shape[2] - 1, series[V], series[S], np.inf
     for o in range(order - _TAIL + 1, order + 1):
         # those of a faint contact are 0 because they are smaller than doubles can be
-        largest = _SMALLEST / speed
+        largest = max(_SMALLEST / speed, _SMALLEST)
         for i in range(first, last + 2):
             largest = max(largest, abs(v[i, o]) / speed)
         for j in range(first, last + 1):

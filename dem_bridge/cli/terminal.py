@@ -271,7 +271,7 @@ class _Meter:
 
     def advance(self, done: float, total: int, label: str) -> None:
         """Note the fraction that is done; the callback of a command."""
-        self.fraction, self.label = done / total, label
+        self.fraction, self.label = done / total if total else 1.0, label
         self.show(self)
 
     def watch(self, state: Campaign) -> None:
