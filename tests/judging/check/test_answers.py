@@ -287,7 +287,7 @@ def test_a_step_that_was_assumed_is_called_so_and_the_one_to_write_stands_beside
     parts = int(relation.removeprefix("1/").split()[0])
     assert step == pytest.approx(assumed.step["dt"] / parts, rel=1e-5)
     assert step <= assumed.step["largest_for_accuracy"]
-    assert relation.endswith(" gives 0.01 %")
+    assert relation.endswith(" gives 1e-4")
     again = db.check(scene, accuracy=1e-4, dt=step)
     assert (again.outcome, "gives no step" in again.headline) == ("PASS", False)
 
