@@ -27,7 +27,7 @@ from dem_bridge.cli.options import (
     LAMMPS,
     SCENES,
 )
-from dem_bridge.cli.parameters import Option, check_new, make_command
+from dem_bridge.cli.parameters import Option, check_new, json_text, make_command
 from dem_bridge.cli.values import FILE
 from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.foundation.files import text_of_file, write_whole
@@ -142,7 +142,7 @@ def _regress(
     for name in regression.texts:
         click.echo(f"written: {baselines / name}")
     texts = {
-        json_file: json.dumps(regression.as_json(), indent=1, allow_nan=False) + "\n",
+        json_file: json_text(regression.as_json()) + "\n",
         junit_file: regression_junit(regression.comparisons),
         markdown_file: markdown(regression),
     }

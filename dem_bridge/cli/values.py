@@ -20,8 +20,9 @@ def scene_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> 
     """Return the completions of a scene: names of shipped scenes, or files if no name matches."""
     from click.shell_completion import CompletionItem
 
-    folder = Path(__file__).parents[1] / "scenes"
-    names = sorted(file.stem for file in folder.rglob("*.toml") if file.stem.startswith(incomplete))
+    from dem_bridge.scene.shipped import shipped_scenes
+
+    names = sorted(name for name in shipped_scenes("all") if name.startswith(incomplete))
     return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
 
 
