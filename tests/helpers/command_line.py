@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,20 +15,26 @@ from dem_bridge.cli import main
 
 PROGRAM = str(Path(sys.executable).with_name("dem-bridge"))
 Done = subprocess.CompletedProcess[str]
+#: the line that a command in a log prints each 30 s, which a busy machine may reach
+_STATE_LINE = re.compile(r"^dem-bridge: \d+ min \d\d s.*\n", re.MULTILINE)
 
 
 def run_program(*words: str, cwd: Path) -> Done:
-    """Start the program as a shell does."""
-    return subprocess.run([PROGRAM, *words], capture_output=True, text=True, cwd=cwd, timeout=300)
+    """Start the program as a shell does; the lines that say how long it runs are left out."""
+    done = subprocess.run([PROGRAM, *words], capture_output=True, text=True, cwd=cwd, timeout=300)
+    return Done(done.args, done.returncode, done.stdout, _STATE_LINE.sub("", done.stderr))
 
 
 def run_here(*words: str, cwd: Path) -> Done:
-    """Run the command in this process; an exception that the program would end with is raised."""
+    """Run the command in this process; an exception that the program would end with is raised.
+
+    The lines that say how long it runs are left out.
+    """
     with contextlib.chdir(cwd):
         done = CliRunner().invoke(main, words, prog_name="dem-bridge")
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
-    return Done(words, done.exit_code, done.stdout, done.stderr)
+    return Done(words, done.exit_code, done.stdout, _STATE_LINE.sub("", done.stderr))
 
 
 def assert_one_line(done: Done, *parts: str) -> None:
