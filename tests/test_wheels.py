@@ -88,9 +88,19 @@ def test_every_part_in_which_faults_are_planted_has_sources_and_tests() -> None:
 #: a number in the source, and what sees it when it is doubled: a function, another module's name for a constant, the
 #: default of an argument and that of a field of a class or of a named tuple
 PLANTED = (
-    ("physics/elliptic.py", "mean, geometric, term, weight, share", "0.5", "elliptic.ellipse_integrals(0.5)"),
+    (
+        "physics/contact_ellipse.py",
+        "mean, geometric, term, weight, share",
+        "0.5",
+        "contact_ellipse.ellipse_integrals(0.5)",
+    ),
     ("judging/fitting.py", "TOLERANCE_OF_SEARCH, TOLERANCE_OF_DECISION = ", "1e-13", "search.TOLERANCE_OF_DECISION"),
-    ("physics/impact.py", "def restitution_of_alpha", "2.5", "impact.restitution_of_alpha(0.1, clip=True)"),
+    (
+        "physics/damped_impact.py",
+        "def restitution_of_alpha",
+        "2.5",
+        "impact.restitution_of_alpha(0.1, clip=True)",
+    ),
     ("judging/hypotheses.py", "reach: float", "1.5", "hypotheses.Hypothesis('', float, '').reach"),
     ("judging/hypotheses.py", "scale: float", "1.0", "hypotheses.Variant(None).scale"),
 )
@@ -103,7 +113,7 @@ import ast, sys
 sys.path[:0] = [".ci", "."]
 import faults
 from dem_bridge.judging import hypotheses, search
-from dem_bridge.physics import elliptic, impact
+from dem_bridge.physics import contact_ellipse, damped_impact as impact
 file = "dem_bridge/{file}"
 text = open(file).read()
 place = next(k for k, words in enumerate(text.splitlines(), start=1) if {line!r} in words)

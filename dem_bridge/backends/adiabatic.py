@@ -18,8 +18,7 @@ from scipy.interpolate import PPoly
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.backends.bca import MOVES_TOWARDS_THE_CHAIN, has_contacts
 from dem_bridge.foundation.stopwatch import Stopwatch
-from dem_bridge.physics.adiabatic import LEAST_EXPONENT, MOST_EXPONENT, adiabatic_wave
-from dem_bridge.physics.launch import launched
+from dem_bridge.physics.adiabatic import LEAST_EXPONENT, MOST_EXPONENT, adiabatic_wave, launched
 from dem_bridge.physics.solitary import wave_shape
 from dem_bridge.scene import features
 from dem_bridge.scene.scene import Scene

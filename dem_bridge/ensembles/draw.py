@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.foundation.numbers import check_number
-from dem_bridge.physics.contact import Floats
+from dem_bridge.physics.contact_law import Floats
 from dem_bridge.scene.geometry import Body, Geometry
 from dem_bridge.scene.scene import Scene
 

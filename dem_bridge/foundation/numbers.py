@@ -1,7 +1,7 @@
 """Checks of numbers from outside: real, finite, whole, in a range, of a magnitude within double precision.
 
 :func:`is_within` answers for all; :func:`check_number` says it of arguments, :func:`checked_number` of the entries of a
-scene. Formulas (``physics/valid``) have checks of their own, because they import nothing of the package.
+scene. Formulas (``physics/numbers``) have checks of their own, because they import nothing of the package.
 """
 
 from __future__ import annotations

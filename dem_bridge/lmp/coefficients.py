@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.physics.law import ContactLaw, power_law
+from dem_bridge.physics.contact_law import ContactLaw, power_law
 from dem_bridge.scene import features
 from dem_bridge.scene.derived import derived, frozen
 from dem_bridge.scene.scene import Scene

@@ -24,7 +24,7 @@ from dem_bridge.lmp.coefficients import BY_EFFECTIVE_MASS, GRANULAR_STYLE, TABLE
 from dem_bridge.lmp.driving import drive_file, drive_variables
 from dem_bridge.lmp.encoding import body_types
 from dem_bridge.lmp.pairing import TableSet, granular, tabled
-from dem_bridge.physics.contact import Floats
+from dem_bridge.physics.contact_law import Floats
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule

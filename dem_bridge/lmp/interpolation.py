@@ -20,8 +20,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.foundation.compiled import kernel
 from dem_bridge.lmp.cell import pair_force
 from dem_bridge.lmp.table import ContactTable, Style, finds_all_cells
-from dem_bridge.physics.contact import Floats
-from dem_bridge.physics.law import ContactLaw
+from dem_bridge.physics.contact_law import ContactLaw, Floats
 
 
 @kernel(nogil=False)

@@ -17,8 +17,7 @@ from typing import Literal
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.physics.contact import Floats
-from dem_bridge.physics.law import ContactLaw, clustered
+from dem_bridge.physics.contact_law import ContactLaw, Floats, clustered
 from dem_bridge.version import FORM_DATE, __version__
 
 #: LAMMPS' interpolation between the points of its internal table

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.lmp.coefficients import coefficients, damping_model, line_order
 from dem_bridge.lmp.deck import Deck
-from dem_bridge.physics.contact import Floats
+from dem_bridge.physics.contact_law import Floats
 from dem_bridge.scene.scene import Scene
 
 #: smallest ratio of a radius to the overlap of its contacts, so that bodies that are not neighbours never touch

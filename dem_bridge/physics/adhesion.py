@@ -22,7 +22,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from dem_bridge.physics.valid import above, not_negative
+from dem_bridge.physics.numbers import above, not_negative
 
 #: where a JKR contact breaks: at the least overlap (textbook), or at the least force (LAMMPS)
 Break = Literal["overlap", "force"]

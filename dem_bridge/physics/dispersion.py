@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dem_bridge.physics.valid import above
+from dem_bridge.physics.numbers import above
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,19 +34,21 @@ import math
 from dataclasses import dataclass, replace
 
 from dem_bridge.physics.adhesion import AdhesiveImpact, dmt_impact, jkr_impact, pull_off_force
-from dem_bridge.physics.dashpot import DashpotCollision, dashpot_collision, linear_restitution
-from dem_bridge.physics.dispersion import Dispersion, dispersion
-from dem_bridge.physics.impact import (
+from dem_bridge.physics.damped_impact import (
+    DashpotCollision,
     alpha_of_restitution,
     alpha_of_tsuji,
     bounce_heights,
+    dashpot_collision,
+    linear_restitution,
     restitution_obtained,
     restitution_of_alpha,
     restitution_to_write,
 )
+from dem_bridge.physics.dispersion import Dispersion, dispersion
+from dem_bridge.physics.drop_and_stack import LinearDrop, LinearStack, linear_drop, linear_stack
+from dem_bridge.physics.numbers import above
 from dem_bridge.physics.solitary import SolitaryWave, solitary_wave
-from dem_bridge.physics.stages import LinearDrop, LinearStack, linear_drop, linear_stack
-from dem_bridge.physics.valid import above
 from dem_bridge.physics.viscoelastic import ViscoelasticImpact, viscoelastic_impact
 
 __all__ = [

@@ -10,7 +10,7 @@ Johnson's condition on the ellipse (section 4.2) is ``B/A = b/(k^2 d)`` in these
 
     beta = (2 pi E*/3) K^(-3/2) [b d/(k^2 A B)]^(1/4)
 
-They are evaluated (:mod:`.elliptic`) without the cancellation of these forms at the circle (e -> 0).
+They are evaluated (:func:`.ellipse_integrals`) without the cancellation of these forms at the circle (e -> 0).
 """
 
 from __future__ import annotations
@@ -19,9 +19,11 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from dem_bridge.physics.contact import check_angle
-from dem_bridge.physics.elliptic import ellipse_integrals
-from dem_bridge.physics.valid import above, not_negative, number, poisson_ratio
+from dem_bridge.physics.contact_ellipse import (
+    check_angle,
+    ellipse_integrals,
+)
+from dem_bridge.physics.numbers import above, not_negative, number, poisson_ratio
 
 #: source of the axis ratio: Hertz's exact condition, or the paper's b/a = (A/B)^(2/3)
 AxisRatio = Literal["exact", "paper"]

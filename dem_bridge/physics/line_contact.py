@@ -24,10 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dem_bridge.physics.contact import Floats
+from dem_bridge.physics.contact_law import ContactLaw, Floats
 from dem_bridge.physics.hertz import compliance
-from dem_bridge.physics.law import ContactLaw
-from dem_bridge.physics.valid import above
+from dem_bridge.physics.numbers import above
 
 
 @dataclass(frozen=True)

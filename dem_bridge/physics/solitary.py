@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from dem_bridge.physics.valid import above
+from dem_bridge.physics.numbers import above
 
 if TYPE_CHECKING:
     import numpy as np

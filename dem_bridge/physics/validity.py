@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dem_bridge.physics.valid import above, not_negative, poisson_ratio
+from dem_bridge.physics.numbers import above, not_negative, poisson_ratio
 
 #: compressive and tensile strength of fused quartz, Pa: design values in dealers' tables (ProSciTech, "Properties of
 #: Fused Quartz": more than 1.1e9, and 4.8e7; makeitfrom.com: 1.1e9 and 5.0e7); a surface without flaws is far stronger

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dem_bridge.physics.valid import above, not_negative
+from dem_bridge.physics.numbers import above, not_negative
 
 #: largest strength of the series: e = 0.0953, clipped 0.2116
 LARGEST_STRENGTH = 2.0

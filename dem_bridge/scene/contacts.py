@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.physics import contact
-from dem_bridge.physics.contact import Floats as Floats
-from dem_bridge.physics.law import ContactLaw
+from dem_bridge.physics import contact_law
+from dem_bridge.physics.contact_law import ContactLaw
+from dem_bridge.physics.contact_law import Floats as Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +83,7 @@ class Contacts:
     def _evaluated(self, quantity: Literal["force", "energy"], overlap: Floats, which: NDArray[np.int64]) -> Floats:
         """Evaluate force or energy of each contact by its power or its law."""
         if not self.laws:
-            by_power = contact.force if quantity == "force" else contact.energy
+            by_power = contact_law.force if quantity == "force" else contact_law.energy
             repulsion = by_power(overlap, self.stiffness[which], self.exponent[which])
             if not self.pull_off.any():
                 return repulsion

@@ -8,8 +8,8 @@ import numpy as np
 
 from dem_bridge.errors import SceneError
 from dem_bridge.foundation.numbers import checked_numbers
-from dem_bridge.physics.contact import Floats
-from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
+from dem_bridge.physics.contact_law import Floats
+from dem_bridge.physics.damped_impact import alpha_of_restitution, alpha_of_tsuji
 
 #: damping laws, and the unit of the coefficient of each
 DAMPING_LAWS = {"dashpot": "N s/m", "mass_velocity": "1/s", "kuwabara-kono": "s", "tsuji": "", "coeff_restitution": ""}
@@ -43,12 +43,12 @@ class Damping:
     ``clip`` is True if the sum of elastic and damping force is clipped at zero, so that damping never makes a contact
     tensile (LAMMPS: ``limit_damping``). If it is False, a contact ends when its overlap is zero, in tension. Contacts
     with "tsuji" or "coeff_restitution" have the restitution e only if they are not clipped; clipped ones have a larger
-    one: :func:`~dem_bridge.physics.impact.restitution_obtained`. None, the default, is True, but False in a scene with
+    one: :func:`.restitution_obtained`. None, the default, is True, but False in a scene with
     adhesion, where True is not allowed. Laws other than dashpots need n >= 2.
 
     References
     ----------
-    Kuwabara & Kono 1987, *Jpn. J. Appl. Phys.* 26, 1230. For alpha: :mod:`dem_bridge.physics.impact`.
+    Kuwabara & Kono 1987, *Jpn. J. Appl. Phys.* 26, 1230. For alpha: :mod:`dem_bridge.physics.damped_impact`.
 
     Examples
     --------

@@ -25,7 +25,7 @@ from dem_bridge.foundation.numbers import (
     checked_numbers,
     is_within,
 )
-from dem_bridge.physics.law import ContactLaw, Law, completed, reach_of, stored
+from dem_bridge.physics.contact_law import ContactLaw, Law, completed, reach_of, stored
 from dem_bridge.physics.statics import static_forces, static_overlap
 from dem_bridge.scene.contacts import Contacts, Floats
 from dem_bridge.scene.damping import BY_RESTITUTION as BY_RESTITUTION
@@ -131,7 +131,7 @@ class Scene:
     ``drag`` b (1/s) is a force ``-b m v`` on each body. ``drive`` is a time-dependent force on body 0: see
     :class:`~dem_bridge.scene.drive.Drive`.
 
-    ``law`` is for forces that are not a power of the overlap: a :class:`~dem_bridge.physics.law.ContactLaw`, or its
+    ``law`` is for forces that are not a power of the overlap: a :class:`.ContactLaw`, or its
     force (N) alone as array function of the overlap (m), one for all or one per contact, walls included. The force must
     not decrease with the overlap. If its slope jumps, a ContactLaw with the ``kinks`` is required (``law_of`` computes
     the energy of a force). ``stiffness`` and ``exponent`` then describe only a power law of similar strength. A law

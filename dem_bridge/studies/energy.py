@@ -1,7 +1,7 @@
 """Study of the energy over many contacts: velocity-Verlet, a method of order 4 and ode45, with predicted errors.
 
 Beads between two walls collide without end. Symplectic methods conserve a modified energy between touches, and each
-touch adds a jump of known size and random phase (:mod:`dem_bridge.physics.touch`): the energy makes a random walk.
+touch adds a jump of known size and random phase (:mod:`.touch_error`): the energy makes a random walk.
 """
 
 from __future__ import annotations

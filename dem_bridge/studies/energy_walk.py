@@ -17,7 +17,7 @@ from dem_bridge.backends.base import Backend, Resolution, Sampling
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.backends.splitting import Method
 from dem_bridge.backends.twin import VERLET
-from dem_bridge.physics.touch import touch_coefficients, touch_rms
+from dem_bridge.physics.touch_error import touch_coefficients, touch_rms
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Floats
 

@@ -17,7 +17,7 @@ from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Samp
 from dem_bridge.errors import BackendUnavailable, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Outcome, Verdict, judge_relative
-from dem_bridge.physics.impact import RestitutionLaw, restitution_obtained, restitution_to_write
+from dem_bridge.physics.damped_impact import RestitutionLaw, restitution_obtained, restitution_to_write
 from dem_bridge.report.columns import METRE, PERCENT, SPEED, STIFFNESS, Column
 from dem_bridge.report.study import EFFECTS, FigureData, Series, Study, Table
 from dem_bridge.report.texts import Texts

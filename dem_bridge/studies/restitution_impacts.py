@@ -6,7 +6,7 @@ as long.
 
 The heights of a bouncing sphere are those of MFiX DEM-02. A hard sphere rises to ``e^2`` of its last height. A soft one
 rises less high, because gravity acts during the contact; its heights are exact by
-:func:`~dem_bridge.physics.stages.linear_drop`. The difference of a code from these is its numerical error.
+:func:`~dem_bridge.physics.drop_and_stack.linear_drop`. The difference of a code from these is its numerical error.
 """
 
 from __future__ import annotations
@@ -23,11 +23,16 @@ from scipy.optimize import brentq
 from dem_bridge.backends.base import ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Outcome, judge_relative
-from dem_bridge.physics.dashpot import linear_restitution
+from dem_bridge.physics.damped_impact import (
+    RestitutionLaw,
+    alpha_of_restitution,
+    bounce_heights,
+    linear_restitution,
+    restitution_obtained,
+)
+from dem_bridge.physics.drop_and_stack import linear_drop
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.physics.hertz import sphere_on_sphere
-from dem_bridge.physics.impact import RestitutionLaw, alpha_of_restitution, bounce_heights, restitution_obtained
-from dem_bridge.physics.stages import linear_drop
 from dem_bridge.physics.viscoelastic import LARGEST_STRENGTH, viscoelastic_impact
 from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case

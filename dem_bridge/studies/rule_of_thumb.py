@@ -1,6 +1,6 @@
 """DEM's rule of thumb: the error of velocity-Verlet at time steps that are shares of the Rayleigh time.
 
-Granular codes are run at 10 to 40 % of :func:`~dem_bridge.physics.rayleigh.rayleigh_time`, and users then check whether
+Granular codes are run at 10 to 40 % of :func:`~dem_bridge.scene.timescales.rayleigh_time`, and users then check whether
 momentum and energy are conserved. Here the errors of the velocities, for which a chain is simulated, are measured too.
 """
 

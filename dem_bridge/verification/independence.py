@@ -33,13 +33,12 @@ ASIDE = frozenset(f"dem_bridge.backends.{name}" for name in ("roundoff", "scene_
 #: concept -> modules, or rooms of them, that make it up: the words of the page
 CONCEPTS: Mapping[str, tuple[str, ...]] = MappingProxyType({
     "law of contact": (
-        "physics.adhesion", "physics.contact", "physics.dashpot", "physics.elliptic", "physics.impact", "physics.law",
+        "physics.adhesion", "physics.contact_ellipse", "physics.contact_law", "physics.damped_impact",
         "physics.viscoelastic",
     ),
-    "closed form of a collision": ("physics.exact",),
+    "closed form of a collision": ("physics.drop_and_stack", "physics.exact"),
     "solitary wave": ("physics.solitary", "physics.dispersion"),
     "binary collisions": ("backends.bca",),
-    "coefficients of the integrator": ("physics.stages",),
     "integrator of fixed steps": ("backends.splitting", "backends.fused"),
     "twin": ("backends.twin",),
     "drive": ("backends.driven", "scene.drive"),
@@ -57,7 +56,7 @@ CONCEPTS: Mapping[str, tuple[str, ...]] = MappingProxyType({
     ),
     "engine of LAMMPS": ("backends.lammps", "lmp.child", "lmp.engine", "lmp.log", "lmp.process"),
     "reader of dumps": ("backends.lammps_output", "lmp.output"),
-    "limits of numbers": ("foundation.numbers", "physics.valid"),
+    "limits of numbers": ("foundation.numbers", "physics.numbers"),
     "version": ("version",),
     "rule of the uncertainty": ("runs.uncertainty",),
 })  # fmt: skip

@@ -17,8 +17,7 @@ from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.conserved import momentum
 from dem_bridge.observables.front import residence_time
 from dem_bridge.physics import adiabatic
-from dem_bridge.physics.adiabatic import adiabatic_wave
-from dem_bridge.physics.launch import launched
+from dem_bridge.physics.adiabatic import adiabatic_wave, launched
 from dem_bridge.physics.solitary import solitary_wave
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Trajectory

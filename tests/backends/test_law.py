@@ -21,8 +21,7 @@ from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.coefficients import Laws
 from dem_bridge.observables.conserved import energy, energy_parts
-from dem_bridge.physics.contact import Floats
-from dem_bridge.physics.law import ContactLaw, Law, law_of, power_law
+from dem_bridge.physics.contact_law import ContactLaw, Floats, Law, law_of, power_law
 from dem_bridge.runs.campaign import run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.features import CONTACT_FUNCTIONS, WALLS

@@ -15,7 +15,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.observables.conserved import energy
-from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
+from dem_bridge.physics.damped_impact import alpha_of_restitution, alpha_of_tsuji
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.file import parse_scene

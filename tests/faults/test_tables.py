@@ -11,7 +11,7 @@ import pytest
 from dem_bridge.lmp import coefficients
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.physics.law import ContactLaw, power_law
+from dem_bridge.physics.contact_law import ContactLaw, power_law
 from dem_bridge.runs.campaign import run_case
 from dem_bridge.scene.scene import Wall
 from dem_bridge.verification.reference import REFERENCE

@@ -16,7 +16,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.foundation.notebook import quantity, template
 from dem_bridge.foundation.notebook_sketch import sketch
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.physics.law import law_of
+from dem_bridge.physics.contact_law import law_of
 from dem_bridge.report.study import Study, Table
 from dem_bridge.trajectory.relative import own_scale
 from dem_bridge.verification.roles import assign_roles

@@ -23,7 +23,7 @@ NO_NUMBERS = [True, np.True_, "3", None, 1j, Decimal(3), np.array([3.0]), np.tim
 OWN = {
     "physics/adiabatic.py": "formulas import nothing of the package",
     "physics/dispersion.py": "formulas import nothing of the package",
-    "physics/valid.py": "formulas import nothing of the package",
+    "physics/numbers.py": "formulas import nothing of the package",
 }
 
 

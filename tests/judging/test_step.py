@@ -10,7 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.judging.step import predict_step_error
-from dem_bridge.physics.law import law_of
+from dem_bridge.physics.contact_law import law_of
 
 PAIR = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=80)
 CHAIN = db.Scene(

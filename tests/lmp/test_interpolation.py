@@ -18,8 +18,7 @@ from dem_bridge.lmp.interpolation import Interpolation, interpolated, interpolat
 from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.lmp.table import ContactTable, Style, contact_table, finds_all_cells, zero_table
-from dem_bridge.physics.contact import Floats
-from dem_bridge.physics.law import ContactLaw, law_of, power_law
+from dem_bridge.physics.contact_law import ContactLaw, Floats, law_of, power_law
 
 DATE = "2026-11-21"
 GAUGE = (2.0**-14, 2.0**-16)

@@ -21,8 +21,7 @@ from dem_bridge.lmp.table import (
     points_for,
     zero_table,
 )
-from dem_bridge.physics.contact import Floats
-from dem_bridge.physics.law import ContactLaw, law_of, power_law
+from dem_bridge.physics.contact_law import ContactLaw, Floats, law_of, power_law
 from tests.helpers.strategies import examples
 
 DATE = "2026-11-21"

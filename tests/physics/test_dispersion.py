@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dem_bridge as db
-from dem_bridge.physics.contact import force
+from dem_bridge.physics.contact_law import force
 from dem_bridge.physics.dispersion import Cell, Dispersion, dispersion
 from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.strategies import log_uniform

@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dem_bridge.physics.contact import cylinder_stiffness_paper
+from dem_bridge.physics.contact_ellipse import cylinder_stiffness_paper
 from dem_bridge.physics.hertz import (
     SMALLEST_ANGLE,
     AxisRatio,

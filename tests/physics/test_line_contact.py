@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 import dem_bridge as db
+from dem_bridge.physics.contact_law import check_law, law_of
 from dem_bridge.physics.hertz import crossed_cylinders
-from dem_bridge.physics.law import check_law, law_of
 from dem_bridge.physics.line_contact import LineContact, cylinder_on_plane, parallel_cylinders
 from dem_bridge.scene.scene import Scene
 from tests.helpers.strategies import log_uniform

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 
 from dem_bridge.errors import SceneError
-from dem_bridge.physics.law import ContactLaw, power_law
+from dem_bridge.physics.contact_law import ContactLaw, power_law
 from dem_bridge.scene.drive import KEYS, Drive
 from dem_bridge.scene.file import load_scene
 from dem_bridge.scene.scene import Damping, Scene, Wall

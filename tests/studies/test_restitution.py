@@ -11,7 +11,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.physics.impact import alpha_of_restitution, restitution_obtained
+from dem_bridge.physics.damped_impact import alpha_of_restitution, restitution_obtained
 from dem_bridge.report.study import Study
 from dem_bridge.runs import campaign
 from dem_bridge.scene.scene import Scene

@@ -11,8 +11,8 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
+from dem_bridge.physics.drop_and_stack import linear_drop
 from dem_bridge.physics.exact import linear_restitution
-from dem_bridge.physics.stages import linear_drop
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.trajectory.restitution import impact_facts, restitution
 from dem_bridge.trajectory.trajectory import load_trajectory

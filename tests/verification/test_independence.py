@@ -54,9 +54,9 @@ def test_only_fixed_step_codes_take_their_uncertainty_from_the_twin() -> None:
 
 
 def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_its_interpolation() -> None:
-    lent = {"pairing", "table", "law", "contact", "elliptic", "coefficients", "encoding", "tabled", "version",
+    lent = {"pairing", "table", "contact_law", "coefficients", "encoding", "tabled", "version",
             "scene_prescan"}  # fmt: skip
-    lent |= {"valid"}  # limits of numbers, and no formula
+    lent |= {"numbers"}  # limits of numbers, and no formula
     emulated = {"cell", "interpolation", "splitting", "twin"}
     rules = {"differences", "early_touches", "family", "fixed_step", "grazes", "moments", "readings", "twins"}
     found = shared("lammps-table", "verlet")

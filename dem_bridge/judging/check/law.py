@@ -17,7 +17,7 @@ from dem_bridge.judging.deck import UserDeck
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.mixing import mixing_warning
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.physics.impact import alpha_of_tsuji, restitution_of_alpha
+from dem_bridge.physics.damped_impact import alpha_of_tsuji, restitution_of_alpha
 
 #: relative difference of LAMMPS from our code at the same step that only round-off explains, and the multiple of what a
 #: particle radius changes that counts as round-off, too

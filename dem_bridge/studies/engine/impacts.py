@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from dem_bridge.physics.adhesion import AdhesionLaw, pull_off_force
-from dem_bridge.physics.impact import alpha_of_restitution, alpha_of_tsuji
+from dem_bridge.physics.damped_impact import alpha_of_restitution, alpha_of_tsuji
 
 DENSITY = 2700.0
 #: m, and m/s at which they close: spheres, and grains of powder whose adhesion matters

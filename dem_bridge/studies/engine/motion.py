@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.physics.adhesion import jkr_impact
-from dem_bridge.physics.impact import restitution_of_alpha
+from dem_bridge.physics.damped_impact import restitution_of_alpha
 from dem_bridge.physics.viscoelastic import viscoelastic_impact
 from dem_bridge.studies.engine.impacts import BREAK, POISSON, TOUCH, Contact, Impact, Steps
 

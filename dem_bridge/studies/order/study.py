@@ -16,7 +16,7 @@ from dem_bridge.backends.reference import SERIES, Reference
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.backends.scipy_dop853 import ScipyDop853
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.physics.touch import touch_coefficient
+from dem_bridge.physics.touch_error import touch_coefficient
 from dem_bridge.report.study import FigureData, Series, Study, Table
 from dem_bridge.runs.campaign import Jobs, Progress, run_cases
 from dem_bridge.runs.case import Case

@@ -1,7 +1,7 @@
 """Runs that measure the order of a method of order 4 where contacts open and close: two bodies, and a whole chain.
 
 Two bodies touch at a set place of a step, so that the error of the velocity after the touch is known in closed form
-(:mod:`dem_bridge.physics.touch`). Runs end before the contact opens: each has one touch, or none.
+(:mod:`dem_bridge.physics.touch_error`). Runs end before the contact opens: each has one touch, or none.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dem_bridge.backends.blanes_moan import ORDER, SRKN_6B
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.observables.verdict import Verdict, judge
 from dem_bridge.physics.exact import scaling, two_body_collision
-from dem_bridge.physics.touch import touch_coefficient
+from dem_bridge.physics.touch_error import touch_coefficient
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.case import Case
 from dem_bridge.scene import features

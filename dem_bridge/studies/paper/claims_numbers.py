@@ -11,7 +11,7 @@ import numpy as np
 from dem_bridge.observables.pulse import pulse_width_by_force
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.physics.contact import cylinder_stiffness_paper
+from dem_bridge.physics.contact_ellipse import cylinder_stiffness_paper
 from dem_bridge.physics.hertz import crossed_cylinders, sphere_on_cylinder
 from dem_bridge.report.study import Claim, ClaimValue
 from dem_bridge.scene.geometry import Elastic

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.tables.angles import CURVE
-from dem_bridge.physics.contact import cylinder_stiffness_paper
+from dem_bridge.physics.contact_ellipse import cylinder_stiffness_paper
 from dem_bridge.physics.hertz import crossed_cylinders
 from tests.helpers.export_chains import CROSSED, ELASTIC, PAIR
 from tests.helpers.strategies import examples

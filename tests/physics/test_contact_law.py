@@ -1,4 +1,7 @@
-"""Contact laws as functions of overlap."""
+"""Contact laws as functions of overlap.
+
+The contact law and the stiffness of crossed cylinders, against identities and a second writing.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dem_bridge.physics import contact
-from dem_bridge.physics.law import ContactLaw, Law, check_law, clustered, completed, law_of, power_law, reach_of, stored
+from dem_bridge.physics import contact_law
+from dem_bridge.physics.contact_law import (
+    ContactLaw,
+    Law,
+    check_law,
+    clustered,
+    completed,
+    energy,
+    force,
+    law_of,
+    power_law,
+    reach_of,
+    stored,
+)
+from tests.helpers.strategies import log_uniform
 
 REACH = 1e-5
 
@@ -22,8 +38,8 @@ REACH = 1e-5
 def test_a_power_law_is_that_of_contact(exponent: float, stiffness: float) -> None:
     law, overlap = power_law(stiffness, exponent), np.array([0.0, 1e-9, 1e-6, REACH])
     # the same operations: two ulps for another kernel of numpy
-    np.testing.assert_allclose(law.force(overlap), contact.force(overlap, stiffness, exponent), rtol=5e-16)
-    np.testing.assert_allclose(law.energy(overlap), contact.energy(overlap, stiffness, exponent), rtol=5e-16)
+    np.testing.assert_allclose(law.force(overlap), contact_law.force(overlap, stiffness, exponent), rtol=5e-16)
+    np.testing.assert_allclose(law.energy(overlap), contact_law.energy(overlap, stiffness, exponent), rtol=5e-16)
 
 
 @pytest.mark.parametrize(
@@ -217,3 +233,49 @@ def test_a_law_needs_a_finite_reach_and_kinks(wrong: dict[str, Any]) -> None:
         law_of(lambda d: d, **({"reach": 1.0} | wrong))
     with pytest.raises(ValueError, match=r"^force = 1.0; allowed: an array function of the overlap \(m\)$"):
         law_of(1.0, reach=1.0)  # type: ignore[arg-type]
+
+
+QUARTZ = {"radius": 9e-3, "young": 72e9, "poisson": 0.17}
+
+EPS = float(np.finfo(float).eps)
+
+overlaps = log_uniform(1e-9, 1e-3)
+stiffnesses = log_uniform(1e3, 1e12)
+exponents = st.floats(1.5, 4.0)
+
+
+@given(overlap=overlaps, stiffness=stiffnesses, exponent=exponents)
+def test_contact_force_is_minus_the_energy_gradient(overlap: float, stiffness: float, exponent: float) -> None:
+    # central difference with h = 1e-4 d: truncation (n-1)(n-2)/6 h^2/d^2 <= 1e-8, round-off eps d/(n h) <= 2e-12
+    h = 1e-4 * overlap
+    gradient = (energy(overlap + h, stiffness, exponent) - energy(overlap - h, stiffness, exponent)) / (2.0 * h)
+    assert float(gradient) == pytest.approx(float(force(overlap, stiffness, exponent)), rel=2e-8)
+
+
+@given(overlap=overlaps, stiffness=stiffnesses, exponent=exponents)
+def test_energy_is_force_times_overlap_over_n(overlap: float, stiffness: float, exponent: float) -> None:
+    # two powers, each good to an ulp for arguments like these
+    expected = float(force(overlap, stiffness, exponent)) * overlap / exponent
+    assert float(energy(overlap, stiffness, exponent)) == pytest.approx(expected, rel=8.0 * EPS)
+
+
+@given(overlap=overlaps, stiffness=stiffnesses, exponent=exponents, scale=st.floats(0.1, 10.0))
+def test_force_goes_as_overlap_to_the_power_n_minus_1(
+    overlap: float, stiffness: float, exponent: float, scale: float
+) -> None:
+    ratio = float(force(scale * overlap, stiffness, exponent) / force(overlap, stiffness, exponent))
+    # the rounding of scale * overlap is raised to the power 3 at most; three powers of an ulp each
+    assert ratio == pytest.approx(scale ** (exponent - 1.0), rel=10.0 * EPS)
+
+
+@given(gap=st.floats(0.0, 1e300), stiffness=stiffnesses, exponent=exponents)
+def test_an_open_contact_neither_pulls_nor_stores(gap: float, stiffness: float, exponent: float) -> None:
+    assert float(force(-gap, stiffness, exponent)) == 0.0
+    assert float(energy(-gap, stiffness, exponent)) == 0.0
+
+
+def test_shapes_broadcast_over_samples_and_contacts() -> None:
+    overlap = np.full((7, 3), 4e-6)
+    stiffness, exponent = np.array([1e9, 2e9, 3e9]), np.array([2.5, 2.0, 3.0])
+    assert force(overlap, stiffness, exponent).shape == energy(overlap, stiffness, exponent).shape == (7, 3)
+    assert force(overlap, stiffness, exponent)[5].tolist() == pytest.approx([8.0, 8e3, 4.8e-2], rel=4.0 * EPS)

@@ -21,7 +21,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dem_bridge.physics.valid import above
+from dem_bridge.physics.numbers import above
 
 #: terms that are summed, and Bernoulli numbers B_2, B_4, ... of the rest, whose next term is below 1e-15
 _TERMS, _BERNOULLI = 12, (1 / 6, -1 / 30, 1 / 42, -1 / 30, 5 / 66, -691 / 2730)

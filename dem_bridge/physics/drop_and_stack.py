@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dem_bridge.physics.valid import above, not_negative
+from dem_bridge.physics.numbers import above, not_negative
 
 Floats = NDArray[np.float64]
 

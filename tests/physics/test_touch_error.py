@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.backends.splitting import Method
 from dem_bridge.backends.twin import VERLET
-from dem_bridge.physics.touch import hurwitz_zeta, touch_coefficient, touch_coefficients, touch_rms
+from dem_bridge.physics.touch_error import hurwitz_zeta, touch_coefficient, touch_coefficients, touch_rms
 
 PHASES = (0.0, 0.1, 0.5, 0.8)
 

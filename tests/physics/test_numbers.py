@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.physics.valid import above, not_negative, number, poisson_ratio
+from dem_bridge.physics.numbers import above, not_negative, number, poisson_ratio
 
 UP, DOWN = math.nextafter(1.0, 2.0), math.nextafter(1.0, 0.0)
 NO_NUMBERS: tuple[object, ...] = (math.nan, math.inf, -math.inf, True, False, None, "1", [1.0])

@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import dem_bridge as db
-from dem_bridge.physics.impact import alpha_of_restitution, bounce_heights
-from dem_bridge.physics.stages import LinearDrop, linear_drop, linear_stack
+from dem_bridge.physics.damped_impact import alpha_of_restitution, bounce_heights
+from dem_bridge.physics.drop_and_stack import LinearDrop, linear_drop, linear_stack
 
 #: MFiX DEM-01: a sphere of 0.2 m and 2600 kg/m^3 falls from a height of 0.5 m of its centre
 MASS, HEIGHT, G = 2600.0 * math.pi / 6.0 * 0.2**3, 0.4, 9.81

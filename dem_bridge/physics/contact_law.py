@@ -1,4 +1,8 @@
-"""Contact laws as functions of the overlap: power laws, and any force with its energy."""
+"""Contact laws as functions of the overlap: the power law, and any force with its energy.
+
+The power law is ``F = beta [overlap]_+^(n-1)`` with energy ``beta [overlap]_+^n / n``; n = 5/2 for Hertz
+(Johnson 1985, *Contact Mechanics*, eq. 4.23). ``beta`` is the paper's contact stiffness coefficient.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +13,50 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from dem_bridge.physics.contact import Floats
-from dem_bridge.physics.valid import above, number
+from dem_bridge.physics.numbers import above, number
+
+Floats = NDArray[np.float64]
+
+
+def force(overlap: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike) -> Floats:
+    """Return the contact force ``beta [overlap]_+^(n-1)``, N.
+
+    Parameters
+    ----------
+    overlap : array_like
+        Overlap, m; negative where the contact is open. The shapes of all three broadcast.
+    stiffness : array_like
+        Stiffness beta, N/m^(n-1).
+    exponent : array_like
+        Exponent n of the energy.
+
+    References
+    ----------
+    Chaunsali, Kim & Yang (2018), section 3.
+
+    Examples
+    --------
+    >>> round(float(force(4e-6, 1e9, 2.5)), 12), float(force(-1.0, 1e9, 2.5))
+    (8.0, 0.0)
+    """
+    closed = np.maximum(np.asarray(overlap, dtype=float), 0.0)
+    return np.asarray(stiffness * closed ** (np.asarray(exponent, dtype=float) - 1.0))
+
+
+def energy(overlap: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike) -> Floats:
+    """Return the energy stored in a contact, ``beta [overlap]_+^n / n``, J.
+
+    The parameters are those of :func:`force`.
+
+    Examples
+    --------
+    >>> float(energy(4e-6, 1e9, 2.5))
+    1.28e-05
+    """
+    closed = np.maximum(np.asarray(overlap, dtype=float), 0.0)
+    return np.asarray(stiffness * closed ** np.asarray(exponent, dtype=float) / exponent)
 
 
 @dataclass(frozen=True)
