@@ -231,8 +231,9 @@ def test_only_its_own_module_imports_dask_and_only_when_it_connects() -> None:
     assert not any(isinstance(node, ast.ImportFrom) and node.module == "distributed" for node in tree.body)
 
 
-def test_only_scene_files_defects_and_texts_of_studies_are_parsed() -> None:
+def test_only_scene_files_defects_and_texts_and_names_of_studies_are_parsed() -> None:
     assert _importers("tomllib") == {
+        "api.guests",
         "lmp.known_defects",
         "scene.file.load",
         "scene.file.text",

@@ -2,7 +2,7 @@
 
 A study of this package is the function ``study_NAME`` of ``studies/NAME.py`` or ``studies/NAME/study.py``, and its
 summary is the first line of the docstring. Both are read in the text of the module, which is imported only when its
-function is called. ``studies/catalogue.json`` lists the other guests. Without the folder there are none, and
+function is called. ``studies/catalogue.toml`` lists the other guests. Without the folder there are none, and
 everything else works.
 
 A study is a function ``(scene, *, engine, jobs, progress, store, **settings) -> Study`` that takes those of these
@@ -13,8 +13,8 @@ know of it.
 from __future__ import annotations
 
 import importlib
-import json
 import re
+import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -33,8 +33,8 @@ class Entry(NamedTuple):
 
 
 _FOLDER = Path(__file__).parents[1] / "studies"
-_FILE = _FOLDER / "catalogue.json"
-_KINDS = json.loads(_FILE.read_text(encoding="utf-8")) if _FILE.is_file() else {}
+_FILE = _FOLDER / "catalogue.toml"
+_KINDS = tomllib.loads(_FILE.read_text(encoding="utf-8")) if _FILE.is_file() else {}
 #: the rest of a signature, and the first line of the docstring
 _RETURNS_STUDY = re.compile(r'(?:(?!\) ->).)*\) -> Study:\n    r?"""(.+?)(?:"""|$)', re.MULTILINE | re.DOTALL)
 

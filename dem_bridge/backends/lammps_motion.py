@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dem_bridge.backends.lammps_output import checked_values, dense_of
+from dem_bridge.backends.lammps import checked_values, dense_of
 from dem_bridge.backends.splitting import Motion
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of
 from dem_bridge.lmp.engine import Engine

@@ -26,8 +26,7 @@ from scipy.optimize import brentq
 from dem_bridge.backends import scipy_kernels as kernels
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.scales import natural_scales, resting_acceleration, resting_speed, unfelt_overlap
-from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, Floats
-from dem_bridge.backends.scipy_steps import CompiledDop853
+from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, CompiledDop853, Floats
 from dem_bridge.errors import RunBroken
 from dem_bridge.foundation import progress
 from dem_bridge.scene.scene import Scene

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dem_bridge.backends.polynomials import MOST_TURNS
 from dem_bridge.backends.taylor_series import (
+    MOST_TURNS,
     Event,
     G,
     S,

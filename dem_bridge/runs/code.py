@@ -13,7 +13,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from dem_bridge.backends.catalogue import BACKENDS, entry_of
@@ -57,9 +57,13 @@ def code_of_run(backend: str, *, uncertainty: bool, package: Path = PACKAGE) -> 
     entry = entry_of(backend)
     foreign = {} if backend in BACKENDS else _foreign_files(entry.module)
     modules = [entry.module] if backend in BACKENDS else _ours_in(foreign.values(), package)
-    roots = [*modules, *([_rule(_SELECTS), rule_of(backend)] if uncertainty and entry.uncertainty else [])]
+    modules = [*reached(modules, imports := partial(_imports, package=package))]
+    if uncertainty and entry.uncertainty:
+        # a backend may answer through another one, whose rule then applies
+        rules = {rule_of(name) for name, other in BACKENDS.items() if other.module in modules and other.uncertainty}
+        modules = [*reached([*modules, _rule(_SELECTS), rule_of(backend), *rules], imports)]
     files: set[Path] = set()
-    for module in reached(roots, lambda module: _imports(module, package)):
+    for module in modules:
         file = file_of_module(module, package)
         assert file is not None  # a closure has modules of the package only
         files |= {file, *_named_in(file)}
@@ -90,7 +94,7 @@ def _ours_in(files: Iterable[Path], package: Path) -> list[str]:
 
 def rule_of(backend: str) -> str:
     """Return the module with the rule from which the uncertainty of a backend follows."""
-    return _rule(entry_of(backend).uncertainty)
+    return _rule(f"from_{entry_of(backend).uncertainty}")
 
 
 def _rule(name: str) -> str:

@@ -55,7 +55,7 @@ CONCEPTS: Mapping[str, tuple[str, ...]] = MappingProxyType({
         "foundation.arguments", "lmp.coefficients", "lmp.deck", "lmp.driving", "lmp.encoding", "lmp.known_defects",
     ),
     "engine of LAMMPS": ("backends.lammps", "lmp.child", "lmp.engine", "lmp.log", "lmp.process"),
-    "reader of dumps": ("backends.lammps_output", "lmp.output"),
+    "reader of dumps": ("lmp.output",),
     "limits of numbers": ("foundation.numbers", "physics.numbers"),
     "version": ("version",),
     "rule of the uncertainty": ("runs.uncertainty",),

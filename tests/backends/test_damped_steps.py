@@ -22,7 +22,7 @@ from dem_bridge.observables.accuracy import observed_order
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
 from dem_bridge.physics.exact import DashpotCollision, dashpot_collision
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.uncertainty import twins
+from dem_bridge.runs.uncertainty import from_twins as twins
 from dem_bridge.runs.uncertainty.step_choice import step_for_accuracy
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory

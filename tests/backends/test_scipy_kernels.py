@@ -19,8 +19,7 @@ from dem_bridge.backends import scipy_integration
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.scipy_damped import DampedIntegration
 from dem_bridge.backends.scipy_integration import Integration, Step
-from dem_bridge.backends.scipy_kernels import OPEN, PRESSING
-from dem_bridge.backends.scipy_steps import CompiledDop853
+from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, CompiledDop853
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.strategies import ANY, damped_scenes, examples, scenes

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from dem_bridge.backends import lammps, lammps_output, steps
+from dem_bridge.backends import lammps, steps
 from dem_bridge.verification.reference import REFERENCE
 from dem_bridge.verification.roles import POSITIONAL, TWIN
 from tests.helpers.fault_decks import Change, both, run_with, substituted
@@ -71,7 +71,7 @@ def changed(function: Callable[..., Any], changes: Sequence[Substitution], **nam
     return scope[function.__name__]
 
 
-DENSE, READ_OFF, EXTREMES = lammps_output.dense_of, steps.read_off, steps.peaks_and_crossings
+DENSE, READ_OFF, EXTREMES = lammps.dense_of, steps.read_off, steps.peaks_and_crossings
 KEEP = "keep = slice(None, None, (len(dense.velocity) - 1) // plan.samples)"
 SEEN = "**approach_of(scene, plan, dense, every), "
 READINGS: dict[str, Fault[Substitution]] = {

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.runs.uncertainty.family import DenseReadings, TwinFamily
+from dem_bridge.runs.uncertainty.fixed_step import DenseReadings, TwinFamily
 from dem_bridge.runs.uncertainty.moments import Moments, Reached
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule

@@ -118,12 +118,12 @@ def test_a_defect_that_does_not_show_is_said_too() -> None:
 
 @pytest.mark.lammps
 def test_a_run_names_the_defects_that_its_deck_meets(monkeypatch: pytest.MonkeyPatch) -> None:
-    from dem_bridge.backends import lammps_output
+    from dem_bridge.backends import lammps
 
     planted = KnownDefect(
         name="planted", first=1, last=0, deck="hertz", cause="", symptom="s", size="z", instead="i", upstream="u"
     )
-    monkeypatch.setattr(lammps_output, "defects_of", lambda version, deck: (planted,) * planted.met_by(deck))
+    monkeypatch.setattr(lammps, "defects_of", lambda version, deck: (planted,) * planted.met_by(deck))
     run = db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False)
     assert run.provenance["lammps"]["known_defects"] == ["planted"]
     assert "known defect planted" in run.provenance["lammps"]["note"]

@@ -290,7 +290,7 @@ def test_the_key_of_a_run_without_uncertainty_is_another_and_ignores_the_code_of
 ) -> None:
     assert _key(uncertainty=False) != _key()
     before = _key(), _key(uncertainty=False)
-    monkeypatch.setattr(keys, "code_of_run", _changed_file("runs/uncertainty/twins.py"))
+    monkeypatch.setattr(keys, "code_of_run", _changed_file("runs/uncertainty/from_twins.py"))
     assert (_key() == before[0], _key(uncertainty=False) == before[1]) == (False, True)
 
 

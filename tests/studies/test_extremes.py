@@ -22,8 +22,7 @@ from dem_bridge.observables.verdict import Outcome
 from dem_bridge.runs.campaign import Crashed, Result, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty import fixed_step
-from dem_bridge.runs.uncertainty.family import TwinFamily
-from dem_bridge.runs.uncertainty.fixed_step import fixed_step_uncertainty
+from dem_bridge.runs.uncertainty.fixed_step import TwinFamily, fixed_step_uncertainty
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.studies.extremes import study as extremes_study
 from dem_bridge.studies.extremes.catalogue import catalogue, chain, checked, expectation, kinds

@@ -20,7 +20,7 @@ OWN = {
     "judging/check/laboratory.py": "a run that ended in nan is infinitely far off",
     "judging/check/step.py": "a step over the largest one that an accuracy permits; no such step is twice too large",
     "backends/roundoff.py": "what solves imports nothing of what judges it",
-    "runs/uncertainty/replicas.py": "the rule of the reference shares nothing with the rule of what it judges",
+    "runs/uncertainty/from_replicas.py": "the rule of the reference shares nothing with the rule of what it judges",
 }
 
 

@@ -58,7 +58,7 @@ def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_
             "scene_prescan"}  # fmt: skip
     lent |= {"numbers"}  # limits of numbers, and no formula
     emulated = {"cell", "interpolation", "splitting", "twin"}
-    rules = {"differences", "early_touches", "family", "fixed_step", "grazes", "moments", "readings", "twins"}
+    rules = {"run_differences", "fixed_step", "grazes", "moments", "readings", "from_twins"}
     found = shared("lammps-table", "verlet")
     assert _short(found.uncertainty) == lent | emulated | {"curves", "fused"} | rules
     # what LAMMPS reads is written without the emulation

@@ -1,10 +1,10 @@
 """Solve a case with its uncertainty: which further runs each backend takes for it, and the rule that applies to them.
 
 ===================================  ==================================================================================
-LAMMPS, ASE, the twin                a family of twins on the same steps (:mod:`.twins`)
-Blanes and Moan's method             its own runs at two finer steps (:mod:`.own_steps`)
-the reference, ode45                 replicas that the backend makes (:mod:`.replicas`)
-scipy                                two ordinary runs at looser tolerances (:mod:`.replicas`)
+LAMMPS, ASE, the twin                a family of twins on the same steps (:mod:`.from_twins`)
+Blanes and Moan's method             its own runs at two finer steps (:mod:`.from_own_steps`)
+the reference, ode45                 replicas that the backend makes (:mod:`.from_replicas`)
+scipy, and the reference through it  two ordinary runs at looser tolerances (:mod:`.from_looser_runs`)
 theories, and any other backend      none: the uncertainty is that which the run states, inf unless it is exact
 ===================================  ==================================================================================
 """
@@ -25,15 +25,15 @@ from dem_bridge.runs.case import Case
 from dem_bridge.trajectory.trajectory import UNKNOWN, Trajectory, Uncertainty
 
 if TYPE_CHECKING:
-    from dem_bridge.runs.uncertainty.family import TwinFamily
+    from dem_bridge.runs.uncertainty.fixed_step import TwinFamily
 
 TWIN = "verlet"
 #: backends that keep momenta: a velocity is rounded by its mass, so that bodies which fall alike drift apart
 DRIFTING = ("ase",)
-#: backends that take their uncertainty from a family of twins, from their own steps, and from replicas
+#: backends that take their uncertainty from a family of twins, from their own steps, and from replicas or looser runs
 TWINS, OWN_STEPS, REPLICAS = (
-    tuple(name for name, entry in BACKENDS.items() if entry.uncertainty == rule)
-    for rule in ("twins", "own_steps", "replicas")
+    tuple(name for name, entry in BACKENDS.items() if entry.uncertainty in rules)
+    for rules in (("twins",), ("own_steps",), ("replicas", "looser_runs"))
 )
 
 
@@ -87,25 +87,22 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
         return fixed_step_uncertainty(family, summed, drifts=case.backend in DRIFTING)
     if case.backend not in REPLICAS:
         return run.uncertainty
-    from dem_bridge.backends.scipy_dop853 import ScipyDop853
-    from dem_bridge.runs.uncertainty.common_velocities import widen_for_common_velocities
-    from dem_bridge.runs.uncertainty.last_crossings import widen_for_the_end
-    from dem_bridge.runs.uncertainty.near_turns import widen_for_near_turns
-    from dem_bridge.runs.uncertainty.replicas import looser_rule, replica_uncertainty, rule_of
-
     looser = looser_cases(case)
     if not looser:
+        from dem_bridge.runs.uncertainty.from_replicas import replica_uncertainty, rule_of, widen_for_the_end
+
         code = cast(Replicating, backend(case.backend))
         replicas = code.replicas(case.scene, case.resolution, case.sampling)
         uncertainty = replica_uncertainty(run, replicas, rule_of(case.backend, case.scene))
         return widen_for_the_end(uncertainty, case.scene, run)
+    from dem_bridge.backends.scipy_dop853 import ScipyDop853
+    from dem_bridge.runs.uncertainty.from_looser_runs import looser_uncertainty
+
     runs, scipy = [], ScipyDop853(largest_rtol=math.inf)  # a looser run need not be as good as a reference
     for number, other in enumerate(looser, start=1):
         with progress.share(number / (1 + len(looser)), 1.0 / (1 + len(looser))):
             runs.append(cache.load_or_solve(other, partial(other.solve, scipy)))
-    uncertainty = replica_uncertainty(run, runs, looser_rule(case.scene))
-    uncertainty = widen_for_common_velocities(uncertainty, case.scene, run)
-    return widen_for_the_end(widen_for_near_turns(uncertainty, case.scene, run, runs), case.scene, run)
+    return looser_uncertainty(case.scene, run, runs)
 
 
 def needs_of(case: Case) -> tuple[Case, ...]:
@@ -117,7 +114,7 @@ def needs_of(case: Case) -> tuple[Case, ...]:
         return ()
     alone = replace(case, uncertainty=False)
     if _takes_twins(case.backend):
-        from dem_bridge.runs.uncertainty.twins import twin_resolution
+        from dem_bridge.runs.uncertainty.from_twins import twin_resolution
 
         twin = Case(scene=case.scene, backend=TWIN, resolution=twin_resolution(case), sampling=case.sampling)
         return alone, twin
@@ -135,7 +132,7 @@ def looser_cases(case: Case) -> tuple[Case, ...]:
         return ()
     from dem_bridge.backends.reference import SERIES
     from dem_bridge.backends.scipy_dop853 import DEFAULT_RTOL
-    from dem_bridge.runs.uncertainty.replicas import LOOSER
+    from dem_bridge.runs.uncertainty.from_replicas import LOOSER
 
     if case.backend == "reference" and SERIES.covers(case.scene):
         return ()
@@ -152,10 +149,10 @@ def _takes_twins(name: str) -> bool:
 
 def _family(case: Case, cache: RunCache) -> TwinFamily | None:
     if case.backend in OWN_STEPS:
-        from dem_bridge.runs.uncertainty.own_steps import blanes_moan_family
+        from dem_bridge.runs.uncertainty.from_own_steps import blanes_moan_family
 
         return blanes_moan_family(case, cache)
-    from dem_bridge.runs.uncertainty.twins import twin_family, twin_resolution
+    from dem_bridge.runs.uncertainty.from_twins import twin_family, twin_resolution
 
     return twin_family(case.scene, twin_resolution(case), case.sampling, cache)
 

@@ -13,7 +13,7 @@ from dem_bridge.errors import NotAsymptotic, UsageError
 from dem_bridge.observables.accuracy import Extrapolation, richardson
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty.estimate import solve
-from dem_bridge.runs.uncertainty.replicas import summed_cost
+from dem_bridge.runs.uncertainty.from_replicas import summed_cost
 from dem_bridge.trajectory.trajectory import QUANTITIES, SAMPLED, UNKNOWN, Floats, Trajectory
 
 

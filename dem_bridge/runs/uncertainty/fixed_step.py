@@ -22,7 +22,10 @@ readings from all of them and from every second one.
 
 *Secondary peak force.* As far as velocities are uncertain, the next largest collision of a contact may be its largest.
 
-*Early touches*: see :mod:`.early_touches`.
+*Early touches.* Adhesion and a dashpot set in at touch. A run with a fixed step has their force from the end of that
+step, and is wrong by an impulse of the force times part of a step. Later touches fall on other parts of the steps of
+the other runs, whose differences show it. In the first step all runs miss the force times the time until the touch
+alike, and the part of their error that is proportional to the step may cancel that of other forces.
 
 *Undetected grazes*, *undecided crossings* and *unresolved contacts*: see :mod:`.grazes`.
 
@@ -32,17 +35,20 @@ The share of random scenes in which the true error is within the uncertainty is 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dem_bridge.runs.uncertainty.differences import absolute_differences, at_least_the_median
-from dem_bridge.runs.uncertainty.early_touches import early_touch_part
-from dem_bridge.runs.uncertainty.family import TwinFamily
 from dem_bridge.runs.uncertainty.grazes import Doubt, widen_for_moments
+from dem_bridge.runs.uncertainty.moments import Moments, Reached
+from dem_bridge.runs.uncertainty.run_differences import absolute_differences, at_least_the_median
+from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import CROSSING_ERROR, PEAK_ERROR, Schedule
 from dem_bridge.trajectory.relative import own_scale, relative_size
-from dem_bridge.trajectory.trajectory import QUANTITIES, SAMPLED, Floats, Uncertainty
+from dem_bridge.trajectory.trajectory import FREE, QUANTITIES, SAMPLED, Cost, Floats, Trajectory, Uncertainty
 
 #: one realisation of round-off stands for others up to this factor
 REALISATIONS = 3.0
@@ -54,6 +60,59 @@ _EPSILON = float(np.finfo(float).eps)
 
 #: one part of the uncertainty: a number for sampled quantities, one per contact for the others
 Part = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DenseReadings:
+    """Numbers read off the dense samples of a run, between those that its trajectory keeps."""
+
+    thinned: tuple[Floats, Floats]
+    """Peak forces (N) and crossing times (s) from every second dense sample."""
+    secondary_peak_force: Floats
+    """Largest force of each contact outside the collision that has its largest, N."""
+    unresolved: NDArray[np.bool_]
+    """Contacts whose first compression is briefer than the step."""
+    drift: Floats
+    """Overlap, m, that round-off may give to each contact whose bodies fly in touch; 0 for all others."""
+    reached: Reached
+    """How far each contact was closed, at most and at the end."""
+    moments: Moments | None = None
+    """Moments that errors of the size of the uncertainty could decide otherwise; None: there are none."""
+    elsewhere: Mapping[float, tuple[Floats, Floats]] = field(default_factory=dict)
+    """Overlaps (m) and closing rates (m/s) of the runs at other steps at these moments, by the ratio of their step."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwinFamily:
+    """Runs of one method from which the uncertainty of a run with the same settings follows."""
+
+    scene: Scene
+    plan: Schedule
+    """Steps of ``main``, ``positional``, ``tabled`` and ``halved``."""
+    order: int
+    main: Trajectory
+    """The run in overlap variables, with the laws themselves."""
+    others: Mapping[float, Trajectory]
+    """The same at a coarser and a finer step, by the ratio of their step to that of the plan."""
+    positional: Trajectory
+    """As ``main``, in absolute positions; with the tables if there are any, for these are looked up by a distance."""
+    tabled: Trajectory | None = None
+    """As ``main``, with tables; None: the code has the laws themselves."""
+    halved: Trajectory | None = None
+    """As ``main``, with laws that are functions from half as many cells; None: the laws are powers."""
+    readings: DenseReadings
+    """Of ``positional``."""
+    thinning: float
+    """Part of the change by thinning that counts."""
+    scatter: float = 0.0
+    """Factor of the difference between the ``others`` that counts as an error of the time step, too."""
+    cost: Cost = FREE
+    """Cost of all runs of the family."""
+
+    @property
+    def speed(self) -> float:
+        """Largest velocity, m/s."""
+        return float(np.max(np.abs(self.main.velocity)))
 
 
 def fixed_step_uncertainty(family: TwinFamily, summed: float | None = None, *, drifts: bool = False) -> Uncertainty:
@@ -243,3 +302,26 @@ def _velocity_parts(family: TwinFamily, step: Part, roundoff: Part, tables: Part
 
 def _sum(*parts: Part) -> Part:
     return {name: sum((part[name] for part in parts[1:]), start=parts[0][name]) for name in QUANTITIES}
+
+
+def early_touch_part(family: TwinFamily) -> dict[str, Any]:
+    """Return the uncertainty by touches in the first step of the coarsest run of a family, by quantity.
+
+    The impulse, relative to that of the bodies that meet, is a part of their closing rate: forces change by twice that
+    part at most (they go as its power ``2 (n - 1) / n``), and the time of a crossing by that part.
+    """
+    c, mobility = family.scene.contacts, np.append(1.0 / np.array(family.scene.mass), 0.0)
+    velocity, first = np.append(family.scene.velocity, 0.0), max(1.0, *family.others) * family.plan.step
+    left, right = mobility[c.left], mobility[c.right]
+    rate = velocity[c.left] - velocity[c.right]
+    early = (c.gap > 0.0) & (c.gap < first * rate)
+    jump = c.pull_off + np.where(c.damping_power == 0.0, c.damping * np.maximum(rate, 0.0), 0.0)
+    impulse = np.where(early, jump * c.gap / np.where(early, rate, 1.0), 0.0)
+    share = float(np.sum(impulse * (left + right) / np.where(early, rate, 1.0)))
+    kick = float(np.sum(impulse * np.maximum(left, right)))
+    return {
+        "velocity": kick,
+        "displacement": kick * family.scene.duration,
+        "peak_force": 2.0 * share * (family.main.peak_force + jump),
+        "crossing_time": share * np.nan_to_num(family.main.crossing_time),
+    }

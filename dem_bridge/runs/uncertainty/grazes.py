@@ -9,17 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.steps import Dense
 from dem_bridge.runs.uncertainty.moments import Moments, Reached
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import PHASE_PER_DENSE_SAMPLE, Schedule
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
+
+if TYPE_CHECKING:
+    from dem_bridge.backends.steps import Dense
 
 #: part of a peak force from which on a touch may be the one that has it: the touch is read from another run
 OWN_PEAK = 0.9

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.scales import resting_acceleration
-from dem_bridge.backends.steps import Dense, approach_of
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule, extreme_slopes, first_turns, quintics
 from dem_bridge.trajectory.trajectory import Floats
+
+if TYPE_CHECKING:
+    from dem_bridge.backends.steps import Dense
 
 #: moments are kept up to so many uncertainties of displacement and velocity from zero: twice, because two bodies err,
 #: and twice that, because the largest error of the samples need not be that between them
@@ -26,6 +28,8 @@ NEAR = 4.0
 RECENT = 4.0
 Indices = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
+#: time, overlap, closing rate and closing acceleration of the contacts at dense samples
+Seen = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,13 +71,13 @@ class Moments:
 
 
 def undecided_moments(
-    scene: Scene, plan: Schedule, dense: Dense, crossing: Floats, *, displacement: float, velocity: float
+    scene: Scene, plan: Schedule, dense: Dense, seen: Seen, crossing: Floats, *, displacement: float, velocity: float
 ) -> Moments:
     """Return the moments of a run that errors of ``displacement`` (m) and ``velocity`` (m/s) could decide otherwise.
 
-    ``crossing (n_contact,)`` is the first maximum of compression in the run; what is later is left out.
+    ``seen`` is the run as :func:`~dem_bridge.backends.steps.approach_of` returns it. ``crossing (n_contact,)`` is the
+    first maximum of compression in the run; what is later is left out.
     """
-    seen = approach_of(scene, plan, dense)
     reach, slow, least = NEAR * displacement, NEAR * velocity, dense.overlap_in_flight
     moved = np.abs(seen["acceleration"]) >= resting_acceleration(scene)
     ends = _ends(seen, moved, reach, slow, least, RECENT * plan.step)
@@ -106,7 +110,7 @@ def undecided_moments(
     )
 
 
-def _lost(seen: Mapping[str, NDArray[Any]], rows: Indices, contact: Indices) -> Floats:
+def _lost(seen: Seen, rows: Indices, contact: Indices) -> Floats:
     """Return the change of overlaps from the samples ``rows`` to the next that no linear acceleration makes, m."""
     width = seen["time"][rows + 1] - seen["time"][rows]
     before, after = ({name: seen[name][row, contact] for name in seen if name != "time"} for row in (rows, rows + 1))
@@ -114,7 +118,7 @@ def _lost(seen: Mapping[str, NDArray[Any]], rows: Indices, contact: Indices) -> 
     return np.asarray(np.abs(after["overlap"] - before["overlap"] - expected), dtype=np.float64)
 
 
-def with_ways(moments: Moments, seen: Mapping[str, NDArray[Any]], overlap: Floats) -> Moments:
+def with_ways(moments: Moments, seen: Seen, overlap: Floats) -> Moments:
     """Return moments with what the contact did before, since it came within ``overlap`` of touch and since the start.
 
     ``seen`` is the run as :func:`~dem_bridge.backends.steps.approach_of` returns it; ``overlap (n_moment,)`` in m.
@@ -130,7 +134,7 @@ def with_ways(moments: Moments, seen: Mapping[str, NDArray[Any]], overlap: Float
     return replace(moments, speed=speed, lasting=lasting, fastest=fastest)
 
 
-def read_at(seen: Mapping[str, NDArray[Any]], contact: Indices, time: Floats) -> tuple[Floats, Floats]:
+def read_at(seen: Seen, contact: Indices, time: Floats) -> tuple[Floats, Floats]:
     """Return overlap (m) and closing rate (m/s) of contacts at any times of a run, from its dense samples."""
     rows = np.clip(np.searchsorted(seen["time"], time, side="right") - 1, 0, len(seen["time"]) - 2)
     polynomial, width = _polynomials(seen, rows, contact)
@@ -142,7 +146,7 @@ def read_at(seen: Mapping[str, NDArray[Any]], contact: Indices, time: Floats) ->
     return overlap, rate / width
 
 
-def _polynomials(seen: Mapping[str, NDArray[Any]], rows: Indices, contact: Indices) -> tuple[Floats, Floats]:
+def _polynomials(seen: Seen, rows: Indices, contact: Indices) -> tuple[Floats, Floats]:
     """Return the quintic polynomials of the overlaps after the samples ``rows``, and the time to the next sample."""
     width = np.asarray(seen["time"][rows + 1] - seen["time"][rows], dtype=np.float64)
     series = (seen[name] for name in ("overlap", "rate", "acceleration"))
@@ -163,7 +167,7 @@ class Reached(NamedTuple):
     """Closing rate at the end."""
 
 
-def reached(seen: Mapping[str, NDArray[Any]]) -> Reached:
+def reached(seen: Seen) -> Reached:
     """Return what the contacts of a run reached; ``seen`` is as for :func:`with_ways`."""
     overlap, rate = seen["overlap"], seen["rate"]
     rows, columns = np.argmax(overlap, axis=0), np.arange(overlap.shape[1])
@@ -183,7 +187,7 @@ class _Kind(NamedTuple):
     fresh: Booleans
 
 
-def _turns(seen: Mapping[str, NDArray[Any]], moved: Booleans, reach: float) -> _Kind:
+def _turns(seen: Seen, moved: Booleans, reach: float) -> _Kind:
     """Return where contacts turn from closing to opening near touch."""
     rate = seen["rate"]
     rows, contact = np.nonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0) & (moved[:-1] | moved[1:]))
@@ -199,7 +203,7 @@ def _turns(seen: Mapping[str, NDArray[Any]], moved: Booleans, reach: float) -> _
     return _Kind(rows[near], contact[near], part[near], touches=yes, stops=~yes, fresh=~yes)
 
 
-def _pauses(seen: Mapping[str, NDArray[Any]], moved: Booleans, slow: float, least: float) -> _Kind:
+def _pauses(seen: Seen, moved: Booleans, slow: float, least: float) -> _Kind:
     """Return where the closing rate of a closed contact is extreme near zero."""
     rate, bend, overlap = seen["rate"], seen["acceleration"], seen["overlap"]
     width = np.diff(seen["time"])[:, None]
@@ -215,9 +219,7 @@ def _pauses(seen: Mapping[str, NDArray[Any]], moved: Booleans, slow: float, leas
     return _Kind(rows[near_zero], contact[near_zero], part[near_zero], touches=~yes, stops=yes, fresh=~yes)
 
 
-def _ends(
-    seen: Mapping[str, NDArray[Any]], moved: Booleans, reach: float, slow: float, least: float, recent: float
-) -> _Kind:
+def _ends(seen: Seen, moved: Booleans, reach: float, slow: float, least: float, recent: float) -> _Kind:
     """Return which contacts are near touch, or near their first maximum of compression, when the run ends.
 
     Those that have closed since ``recent`` seconds before it are near touch.
@@ -235,9 +237,7 @@ def _ends(
     return _Kind(rows, contact, np.ones(len(contact)), **kinds)
 
 
-def _before_the_crossing(
-    seen: Mapping[str, NDArray[Any]], rows: Indices, contact: Indices, time: Floats, crossing: Floats
-) -> Booleans:
+def _before_the_crossing(seen: Seen, rows: Indices, contact: Indices, time: Floats, crossing: Floats) -> Booleans:
     """Return which moments are not later than the first maximum of compression, or are part of it."""
     earlier = ~(time > crossing[contact])  # nan: it never crosses
     for each in np.flatnonzero(~earlier):

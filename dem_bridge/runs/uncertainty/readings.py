@@ -14,8 +14,7 @@ from dem_bridge.backends.steps import Dense, approach_of, fixed_step_plan, peaks
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.uncertainty.family import DenseReadings, TwinFamily
-from dem_bridge.runs.uncertainty.fixed_step import doubt_at_moments, sampled_uncertainty
+from dem_bridge.runs.uncertainty.fixed_step import DenseReadings, TwinFamily, doubt_at_moments, sampled_uncertainty
 from dem_bridge.runs.uncertainty.grazes import drift_in_flight, unresolved_contacts
 from dem_bridge.runs.uncertainty.moments import reached, read_at, undecided_moments, with_ways
 from dem_bridge.scene.scene import Scene
@@ -87,7 +86,8 @@ def complete_family(
     runs = [family.main, *family.others.values()]
     runs += [run for run in (family.positional, family.tabled, family.halved) if run not in (None, family.main)]
     scene, crossing = family.scene, family.positional.crossing_time
-    moments = undecided_moments(scene, family.plan, dense, crossing, **sampled_uncertainty(family))
+    seen = approach_of(scene, family.plan, dense)
+    moments = undecided_moments(scene, family.plan, dense, seen, crossing, **sampled_uncertainty(family))
     if len(moments):
         elsewhere = {}
         for ratio, plan in plans.items():
@@ -95,7 +95,7 @@ def complete_family(
             runs.append(run)
             elsewhere[ratio] = read_at(approach_of(scene, plan, samples), moments.contact, moments.time)
         family = replace(family, readings=replace(family.readings, moments=moments, elsewhere=elsewhere))
-        moments = with_ways(moments, approach_of(scene, family.plan, dense), doubt_at_moments(family).overlap)
+        moments = with_ways(moments, seen, doubt_at_moments(family).overlap)
         family = replace(family, readings=replace(family.readings, moments=moments))
     steps, evaluations = sum(run.cost.steps for run in runs), sum(run.cost.force_evaluations for run in runs)
     return replace(family, cost=Cost.since(watch, steps=steps, force_evaluations=evaluations))

@@ -13,9 +13,8 @@ from dem_bridge.backends.twin import solve_dense
 from dem_bridge.observables.conserved import energy_parts, work
 from dem_bridge.observables.drift import BLOCKS, Drift, drift_of, swing_of
 from dem_bridge.runs.campaign import Progress
-from dem_bridge.runs.uncertainty.family import TwinFamily
-from dem_bridge.runs.uncertainty.fixed_step import REALISATIONS, last_digit, step_safety
-from dem_bridge.runs.uncertainty.replicas import LEAST, REFERENCE
+from dem_bridge.runs.uncertainty.fixed_step import REALISATIONS, TwinFamily, last_digit, step_safety
+from dem_bridge.runs.uncertainty.from_replicas import LEAST, REFERENCE
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.trajectory.trajectory import Floats, Trajectory

@@ -27,7 +27,7 @@ from dem_bridge.runs.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.costs import predicted_cost
 from dem_bridge.runs.store import Store
-from dem_bridge.runs.uncertainty.twins import twin_family
+from dem_bridge.runs.uncertainty.from_twins import twin_family
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import contact_time_of
 from dem_bridge.studies.horizon import runs

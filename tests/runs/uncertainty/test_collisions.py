@@ -10,8 +10,10 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends import ode45
-from dem_bridge.runs.uncertainty import own_steps, readings, twins
-from dem_bridge.runs.uncertainty.replicas import ReplicaRule, looser_rule, replica_uncertainty
+from dem_bridge.runs.uncertainty import from_own_steps as own_steps
+from dem_bridge.runs.uncertainty import from_twins as twins
+from dem_bridge.runs.uncertainty import readings
+from dem_bridge.runs.uncertainty.from_replicas import ReplicaRule, looser_rule, replica_uncertainty
 from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.exact_collision import Collision, collision
 from tests.helpers.fake_runs import free_flight

@@ -10,7 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.backends.scales import in_rest_frame
-from dem_bridge.runs.uncertainty.common_velocities import common_velocity, widen_for_common_velocities
+from dem_bridge.runs.uncertainty.from_looser_runs import common_velocity, widen_for_common_velocities
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight, uncertain

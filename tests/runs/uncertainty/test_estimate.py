@@ -19,7 +19,8 @@ from dem_bridge.backends.twin import solve_dense
 from dem_bridge.foundation import progress
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.uncertainty import own_steps, twins
+from dem_bridge.runs.uncertainty import from_own_steps as own_steps
+from dem_bridge.runs.uncertainty import from_twins as twins
 from dem_bridge.runs.uncertainty.estimate import (
     OWN_STEPS,
     REPLICAS,
@@ -29,9 +30,9 @@ from dem_bridge.runs.uncertainty.estimate import (
     needs_of,
     solve,
 )
-from dem_bridge.runs.uncertainty.own_steps import blanes_moan_family
+from dem_bridge.runs.uncertainty.from_own_steps import blanes_moan_family
+from dem_bridge.runs.uncertainty.from_twins import twin_family, twin_resolution
 from dem_bridge.runs.uncertainty.readings import finer_ratio, read_dense
-from dem_bridge.runs.uncertainty.twins import twin_family, twin_resolution
 from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.trajectory.trajectory import QUANTITIES

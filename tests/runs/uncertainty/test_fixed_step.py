@@ -14,10 +14,10 @@ import dem_bridge as db
 from dem_bridge.backends.base import Availability, Resolution, Sampling
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.uncertainty.differences import absolute_differences
 from dem_bridge.runs.uncertainty.estimate import solve
 from dem_bridge.runs.uncertainty.fixed_step import fixed_step_uncertainty
-from dem_bridge.runs.uncertainty.twins import twin_family
+from dem_bridge.runs.uncertainty.from_twins import twin_family
+from dem_bridge.runs.uncertainty.run_differences import absolute_differences
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from tests.conftest import Solve

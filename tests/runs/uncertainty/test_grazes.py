@@ -12,8 +12,8 @@ import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.steps import Dense
 from dem_bridge.runs.uncertainty.fixed_step import fixed_step_uncertainty
+from dem_bridge.runs.uncertainty.from_twins import twin_family
 from dem_bridge.runs.uncertainty.grazes import Doubt, unresolved_contacts, widen_for_moments
-from dem_bridge.runs.uncertainty.twins import twin_family
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.dense import Schedule
 from tests.helpers.fake_runs import free_flight

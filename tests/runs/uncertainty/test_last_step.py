@@ -10,7 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.runs.uncertainty import moments
-from dem_bridge.runs.uncertainty.replicas import REFERENCE, replica_uncertainty
+from dem_bridge.runs.uncertainty.from_replicas import REFERENCE, replica_uncertainty
 from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.fake_runs import free_flight

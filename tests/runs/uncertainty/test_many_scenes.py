@@ -11,7 +11,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends import reference, scipy_damped
 from dem_bridge.errors import RunBroken
-from dem_bridge.runs.uncertainty.replicas import looser_rule, replica_uncertainty
+from dem_bridge.runs.uncertainty.from_replicas import looser_rule, replica_uncertainty
 from tests.helpers.awkward_scenes import awkward
 from tests.helpers.many_scenes import many
 from tests.helpers.truths import QUANTITIES

@@ -12,7 +12,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends.base import backend, unsupported_reason
 from dem_bridge.backends.prescan import prescan_hertz
-from dem_bridge.backends.steps import Dense
+from dem_bridge.backends.steps import Dense, approach_of
 from dem_bridge.errors import RunBroken
 from dem_bridge.runs.uncertainty import moments
 from dem_bridge.runs.uncertainty.moments import Moments, read_at, undecided_moments, with_ways
@@ -38,7 +38,7 @@ def found(overlap: Motion, rate: Motion, bend: Motion, crossing: float = math.na
     way, none = overlap(time) - overlap(0.0), np.zeros((len(time), 1))
     dense = Dense(first(rate(time)), first(way), first(bend(time)), (overlap(time) * np.ones(len(time)))[:, None], none)
     parts = {"displacement": 1e-3, "velocity": 1e-3} | errors
-    return undecided_moments(PAIR, PLAN, dense, np.array([crossing]), **parts)
+    return undecided_moments(PAIR, PLAN, dense, approach_of(PAIR, PLAN, dense), np.array([crossing]), **parts)
 
 
 @pytest.mark.parametrize(("height", "kept"), [(-3.9e-3, True), (-4.1e-3, False), (3.9e-3, True), (4.1e-3, False)])

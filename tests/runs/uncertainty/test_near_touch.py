@@ -12,7 +12,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends import scipy_integration
 from dem_bridge.errors import RunBroken
-from dem_bridge.runs.uncertainty import near_turns
+from dem_bridge.runs.uncertainty import from_looser_runs as near_turns
 from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.decimal_chain import solve_exactly
 from tests.helpers.exact_collision import collision

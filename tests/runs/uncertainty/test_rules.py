@@ -10,16 +10,17 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.runs.uncertainty import fixed_step, grazes, replicas
-from dem_bridge.runs.uncertainty.differences import absolute_differences
-from dem_bridge.runs.uncertainty.family import TwinFamily
+from dem_bridge.runs.uncertainty import fixed_step, grazes
+from dem_bridge.runs.uncertainty import from_replicas as replicas
 from dem_bridge.runs.uncertainty.fixed_step import (
+    TwinFamily,
     fixed_step_uncertainty,
     roundoff_part,
     sampled_uncertainty,
     summation_part,
 )
 from dem_bridge.runs.uncertainty.moments import Moments
+from dem_bridge.runs.uncertainty.run_differences import absolute_differences
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.trajectory.trajectory import QUANTITIES
@@ -395,7 +396,7 @@ def test_a_crossing_by_round_off_alone_has_no_finite_uncertainty(monkeypatch: py
     assert np.all(np.isnan(still.crossing_time))
     assert np.all(np.isfinite(still.uncertainty["crossing_time"]))
     # planted: the frame at rest, which walls would fix
-    for module in ("backends.scipy_dop853", "runs.uncertainty.replicas"):
+    for module in ("backends.scipy_dop853", "runs.uncertainty.from_replicas"):
         monkeypatch.setattr(f"dem_bridge.{module}.in_common_frame", lambda scene: (scene, 0.0))
     run = db.solve(scene, backend="scipy")
     assert np.all(np.isinf(run.uncertainty["crossing_time"]))

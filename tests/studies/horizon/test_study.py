@@ -14,7 +14,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import UsageError
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Study
-from dem_bridge.runs.uncertainty.twins import twin_family
+from dem_bridge.runs.uncertainty.from_twins import twin_family
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.horizon import runs as horizon_runs
 from dem_bridge.studies.horizon import study as horizon

@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dem_bridge.runs.uncertainty.replicas import (
+from dem_bridge.runs.uncertainty.from_replicas import (
     LOOSER,
     ODE45,
     REFERENCE,

@@ -19,7 +19,7 @@ from dem_bridge.backends.twin import TWIN, solve_dense, solve_plan
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.uncertainty.family import TwinFamily
+from dem_bridge.runs.uncertainty.fixed_step import TwinFamily
 from dem_bridge.runs.uncertainty.readings import complete_family, finer_ratio, read_dense, runs_at_other_steps
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import MOST_STEPS, Schedule

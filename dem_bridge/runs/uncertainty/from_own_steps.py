@@ -16,7 +16,7 @@ from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
-from dem_bridge.runs.uncertainty.family import TwinFamily
+from dem_bridge.runs.uncertainty.fixed_step import TwinFamily
 from dem_bridge.runs.uncertainty.readings import complete_family, finer_ratio, read_dense, runs_at_other_steps
 from dem_bridge.trajectory.dense import MOST_STEPS
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.scales import RESTING, in_common_frame, resting_acceleration
-from dem_bridge.runs.uncertainty.differences import absolute_differences, at_least_the_median
+from dem_bridge.runs.uncertainty.run_differences import absolute_differences, at_least_the_median
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import QUANTITIES, SAMPLED, Cost, Floats, Trajectory, Uncertainty
 
@@ -182,3 +182,25 @@ def summed_cost(runs: Sequence[Trajectory]) -> Cost:
         steps=sum(run.cost.steps for run in runs),
         force_evaluations=sum(run.cost.force_evaluations for run in runs),
     )
+
+
+def widen_for_the_end(uncertainty: Uncertainty, scene: Scene, run: Trajectory) -> Uncertainty:
+    """Return an uncertainty that is inf for crossings which the end of a run leaves undecided.
+
+    A crossing may be after the end if its uncertainty reaches so far. A contact that is compressed at the end may have
+    had its crossing if both its velocities are so uncertain; one that has been slower all the time is at rest so far.
+
+    Parameters
+    ----------
+    uncertainty : Uncertainty
+        Uncertainty of ``run`` by its further runs.
+    scene : Scene
+    run : Trajectory
+    """
+    c, crossing = scene.contacts, np.array(np.broadcast_to(uncertainty.crossing_time, run.crossing_time.shape))
+    late = run.crossing_time + crossing > run.time[-1]
+    velocity = np.column_stack([run.velocity, np.zeros(len(run.velocity))])
+    rate, slow = np.abs(velocity[:, c.left] - velocity[:, c.right]), 2.0 * float(uncertainty.velocity)
+    pressed = np.isnan(run.crossing_time) & (run.contact_force[-1] != 0.0)
+    early = pressed & (rate[-1] <= slow) & (np.max(rate, axis=0) > slow)
+    return replace(uncertainty, crossing_time=np.where(late | early, math.inf, crossing))

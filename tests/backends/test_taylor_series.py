@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from dem_bridge.backends.polynomials import MOST_TURNS, root, turning_points
+from dem_bridge.backends.taylor_series import MOST_TURNS, root, turning_points
 
 ORDER = 28
 #: roots within a step of length 1; beyond it there are two at 1.5 +- i
