@@ -183,7 +183,7 @@ def test_a_rank_that_fails_takes_the_one_that_waits_with_it(
 def test_an_error_on_one_rank_alone_ends_both(deck: Path, engine: Engine) -> None:
     # only the first rank opens the file of a dump, and the other waits for what it would tell
     _change(deck, "dump.pair.bin", "nowhere/dump.pair.bin")
-    assert "ERROR on proc 0: Cannot open dump file nowhere/dump.pair.bin" in str(_broken(deck, engine, 30.0))
+    assert "ERROR on proc 0: Cannot open dump file nowhere/dump.pair.bin" in str(_broken(deck, engine, 300.0))
 
 
 def test_ranks_end_with_the_caller_however_he_ends(deck: Path, rank_fails: Callable[[str], Engine]) -> None:
