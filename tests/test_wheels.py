@@ -142,5 +142,5 @@ print(sorted({f"{kernel.__module__}.{kernel.__name__}" for kernel in live.caller
 print(len(live.callers([])), [kernel.__name__ for kernel in live.callers([lanes.march])])
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    names = ("lanes._fill", "lanes.law_power", "lanes.march", "lanes.touch_defect")
+    names = ("lanes._fill", "lanes._turn", "lanes.law_power", "lanes.march", "lanes.touch_defect")
     assert done.stdout == f"{[f'dem_bridge.ensembles.{name}' for name in names]}\n0 ['march']\n"

@@ -9,7 +9,7 @@ step of the integration is shared with LAMMPS or the reference.
 
 Maximal compressions and largest velocities lie between steps. They are read from Hermite polynomials through the two
 ends of a step: of degree 5 through overlap, closing rate and closing acceleration, of degree 3 through velocity and
-acceleration.
+acceleration. A run ends where nothing that follows can change the observables (:mod:`.settled`).
 
 Hertz's force has no second derivative at touch, so that a step of a smooth method that meets a touch has an error of
 order 2.5 (n in general), however high the order of the method is. That error is the same as in a model of two bodies
@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dem_bridge.ensembles.settled import is_free, is_settled
 from dem_bridge.foundation.compiled import Floats, kernel
 from dem_bridge.trajectory.dense import first_turn, may_turn, quintic
 
@@ -106,6 +107,8 @@ def touch_defect(
     return impulse, moment
 
 
+#: steps between two looks at whether the observables are final
+_LOOK = 16
 #: chains in a group; eight doubles fill one vector of AVX-512 and two of AVX2
 LANES = 8
 
@@ -142,7 +145,18 @@ def _deepest(
     """
     square = step * step
     c0, c1, c2, c3, c4, c5 = quintic(s0, s1, step * closing, step * opening, square * bend0, square * bend1)
-    part = first_turn(c1, c2, c3, c4, c5, step * opening)
+    if closing > 0.0 and opening < 0.0 and bend0 < 0.0 and bend1 < 0.0:
+        part, change = closing / (closing - opening), 1.0
+        # Newton's method as long as it converges: round-off ends it
+        while True:
+            slope = c1 + part * (2.0 * c2 + part * (3.0 * c3 + part * (4.0 * c4 + part * 5.0 * c5)))
+            curvature = 2.0 * c2 + part * (6.0 * c3 + part * (12.0 * c4 + part * 20.0 * c5))
+            ahead = min(max(part - slope / curvature, 0.0), 1.0) if curvature < 0.0 else part
+            if abs(ahead - part) >= 0.5 * change:
+                break
+            part, change = ahead, abs(ahead - part)
+    else:
+        part = first_turn(c1, c2, c3, c4, c5, step * opening)
     return part, c0 + part * (c1 + part * (c2 + part * (c3 + part * (c4 + part * c5))))
 
 
@@ -173,12 +187,16 @@ def march(
     _fill(0, size - lanes, 1, lanes, step, law, exponent, beta, rate, w, s, f, a)
     peak = f[: size - lanes].copy()
     fastest, crossing = v[: size - lanes].copy(), np.full(size - lanes, np.inf)
+    # what needs more than the vectors do is marked, and looked for eight places at a time
+    marks = np.zeros(size, np.uint8)
+    words = marks.view(np.int64)
     # the last body hands the impulse on to nobody, not to a wall either
     front, last_body = 0, (places - 2) * lanes
     for j in range(size - lanes):
         if v[j] != 0.0 or w[j] != 0.0 or f[j] != 0.0:
             front = min(j // lanes + 1, places - 2)
     keep = steps // (kept.shape[1] - 1) if kept.shape[1] > 1 else 0
+    may_settle = keep == 0 and is_free(weight, stiffness)
     for nth in range(steps):
         if keep > 0 and nth % keep == 0:
             _store(kept, nth // keep, u, lanes)
@@ -208,12 +226,13 @@ def march(
             gained = rate_next[j] * (w_next[j] + f[j] - f_next[j])
             u_next[j] = v_next[j] + last * gained
             a_next[j] = gained / step
-        touches = 0
         for j in range(end):
-            touches += (s0[j] > 0.0) != (s[j] > 0.0)
-        if touches > 0:
-            for j in range(end):
-                if (s0[j] > 0.0) != (s[j] > 0.0):
+            marks[j] = (s0[j] > 0.0) != (s[j] > 0.0)
+        for word in range(end // 8):
+            if words[word] != 0:
+                for j in range(8 * word, 8 * word + 8):
+                    if marks[j] == 0:
+                        continue
                     k, mobility = j // lanes, (rate[j] + rate_next[j]) / step
                     before = a0[j] - a0_next[j] + mobility * beta[j] * law_power(s0[j], law, exponent[k])
                     after = a[j] - a_next[j] + mobility * f[j]
@@ -229,38 +248,69 @@ def march(
         while most > front and np.all(u[most * lanes : end] == 0.0) and np.all(f[(most - 1) * lanes : end] == 0.0):
             most -= 1
         front = most
-        turned = 0
         for j in range(end):
             peak[j] = f[j] if f[j] > peak[j] else peak[j]
-            turned += may_turn(u0[j] - u0_next[j], u[j] - u_next[j], a0[j] - a0_next[j], a[j] - a_next[j], step)
-            turned += (a0[j] > 0.0) & (a[j] < 0.0)
-        if turned > 0:
-            for j in range(end):
-                closing, opening = u0[j] - u0_next[j], u[j] - u_next[j]
-                bend0, bend1 = a0[j] - a0_next[j], a[j] - a_next[j]
-                # a contact at rest has accelerations that are round-off: where the rate keeps its sign neither may be
-                falls = closing > 0.0 and opening <= 0.0
-                bend = max(abs(bend0), abs(bend1)) if falls else min(abs(bend0), abs(bend1))
-                deep, felt = max(s0[j], s[j]) > 0.0, bend >= rest[j]
-                if deep and felt and may_turn(closing, opening, bend0, bend1, step):
-                    part, depth = _deepest(s0[j], s[j], closing, opening, bend0, bend1, step)
-                    if depth > 0.0:
-                        if crossing[j] == np.inf:
-                            crossing[j] = (nth + part) * step
-                            # a body that is still accelerated then is fastest then
-                            fastest[j] = max(fastest[j], _cubic(part, step, u0[j], a0[j], u[j], a[j]))
-                        peak[j] = max(peak[j], beta[j] * law_power(depth, law, exponent[j // lanes]))
-                if a0[j] > 0.0 and a[j] < 0.0:
-                    part, top = _maximum(step, u0[j], a0[j], u[j], a[j])
-                    if (nth + part) * step <= crossing[j] or j >= last_body:
-                        fastest[j] = max(fastest[j], top)
-        for j in range(end):
-            open_still = ((nth + 1) * step <= crossing[j]) | (j >= last_body)
-            fastest[j] = u[j] if (u[j] > fastest[j]) & open_still else fastest[j]
+            deep = (s0[j] > 0.0) | (s[j] > 0.0)
+            turn = may_turn(u0[j] - u0_next[j], u[j] - u_next[j], a0[j] - a0_next[j], a[j] - a_next[j], step)
+            top = (a0[j] > 0.0) & (a[j] < 0.0) & ((nth * step <= crossing[j]) | (j >= last_body))
+            marks[j] = (deep & turn) | top
+            counts = (((nth + 1) * step <= crossing[j]) | (j >= last_body)) & (marks[j] == 0)
+            fastest[j] = u[j] if (u[j] > fastest[j]) & counts else fastest[j]
+        for word in range(end // 8):
+            if words[word] != 0:
+                for j in range(8 * word, 8 * word + 8):
+                    if marks[j] != 0:
+                        _turn(
+                            j, j + lanes, nth, step, law, exponent[j // lanes], beta[j], rest[j], j >= last_body,
+                            s0, u0, a0, s, u, a, crossing, peak, fastest,
+                        )  # fmt: skip
+        looks = may_settle and nth % _LOOK == 0 and front == places - 2
+        if looks and _all_settled(lanes, mass, stiffness, exponent, u, s, crossing, peak):
+            break
     if keep > 0:
         _store(kept, steps // keep, u, lanes)
     fastest = np.where(np.isfinite(u[: size - lanes]), fastest, np.nan)
     return np.where(crossing < np.inf, crossing, np.nan), peak, fastest
+
+
+@kernel(nogil=False)
+def _turn(
+    j: int, ahead: int, nth: int, step: float, law: int, exponent: float, stiffness: float, resting: float, last: bool,
+    s0: Floats, u0: Floats, a0: Floats, s: Floats, u: Floats, a: Floats, crossing: Floats, peak: Floats,
+    fastest: Floats,
+) -> None:  # fmt: skip
+    """Read a contact's largest overlap and its body's largest velocity within a step; ``ahead``: the next body."""
+    closing, opening = u0[j] - u0[ahead], u[j] - u[ahead]
+    bend0, bend1 = a0[j] - a0[ahead], a[j] - a[ahead]
+    # a contact at rest has accelerations that are round-off: where the rate keeps its sign neither may be
+    falls = closing > 0.0 and opening <= 0.0
+    bend = max(abs(bend0), abs(bend1)) if falls else min(abs(bend0), abs(bend1))
+    if max(s0[j], s[j]) > 0.0 and bend >= resting and may_turn(closing, opening, bend0, bend1, step):
+        part, depth = _deepest(s0[j], s[j], closing, opening, bend0, bend1, step)
+        if depth > 0.0:
+            if crossing[j] == np.inf:
+                crossing[j] = (nth + part) * step
+                # a body that is still accelerated then is fastest then
+                fastest[j] = max(fastest[j], _cubic(part, step, u0[j], a0[j], u[j], a[j]))
+            peak[j] = max(peak[j], stiffness * law_power(depth, law, exponent))
+    if a0[j] > 0.0 and a[j] < 0.0:
+        part, top = _maximum(step, u0[j], a0[j], u[j], a[j])
+        if (nth + part) * step <= crossing[j] or last:
+            fastest[j] = max(fastest[j], top)
+    if (nth + 1) * step <= crossing[j] or last:
+        fastest[j] = max(fastest[j], u[j])
+
+
+@kernel(nogil=False)
+def _all_settled(
+    lanes: int, mass: Floats, stiffness: Floats, exponent: Floats, u: Floats, s: Floats, crossing: Floats, peak: Floats
+) -> bool:
+    """Return whether the observables of all lanes are final."""
+    for lane in range(lanes):
+        moving = u[lane::lanes], s[lane::lanes], crossing[lane::lanes], peak[lane::lanes]
+        if not is_settled(mass[:, lane], stiffness[:, lane], exponent, *moving):
+            return False
+    return True
 
 
 @kernel(nogil=False)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.backends.prescan import prescan_hertz
@@ -74,68 +75,62 @@ def solve_chains(scene: Scene, chains: Chains, steps: int, samples: int = 0) -> 
     RunBroken
         If a velocity is not finite, because the step is too long.
     """
-    firsts = range(0, len(chains), LANES)
-    kept = np.empty((LANES * len(firsts), samples + 1 if samples else 0, scene.n_body))
+    n, line, groups = scene.n_body, _line(scene), -(-len(chains) // LANES)
     # where fewer chains are left the last of them is repeated
-    rows = [np.minimum(np.arange(first, first + LANES), len(chains) - 1) for first in firsts]
-    parts = [
-        _group(scene, chains.rows(of_group), steps, kept[first : first + LANES])
-        for first, of_group in zip(firsts, rows, strict=True)
-    ]
-    out = {name: np.concatenate([part[name] for part in parts])[: len(chains)] for name in parts[0]}
-    return out | ({"velocity": kept[: len(chains)]} if samples else {})
+    group = chains.rows(np.minimum(np.arange(LANES * groups), len(chains) - 1))
 
-
-def _group(scene: Scene, chains: Chains, steps: int, kept: Floats) -> dict[str, Floats]:
-    """Return the observables of a group of as many chains as there are lanes; ``kept`` is filled."""
-    n, links, c = scene.n_body, scene.n_body - 1, scene.contacts
-    # contact k of the line is between places k and k + 1: the wall on the left, the chain, the wall on the right
-    line = np.arange(1, n) if scene.wall_left is None else np.append(np.arange(1, n), 0)
-    line = line if scene.wall_right is None else np.append(line, n)
+    def lanes(values: Floats) -> Floats:
+        """Return ``(n_group, n_place, n_lane)`` of the values of all chains at each place."""
+        return np.ascontiguousarray(values.reshape(groups, LANES, -1).swapaxes(1, 2))
 
     def bodies(values: Floats, rest: float) -> Floats:
-        return np.ascontiguousarray(np.pad(values, ((0, 0), (1, 1)), constant_values=rest).T)
+        return lanes(np.pad(values, ((0, 0), (1, 1)), constant_values=rest))
 
     def contacts(values: Floats) -> Floats:
-        out = np.zeros((n + 1, LANES))
-        out[line] = values.T
-        return out
+        out = np.zeros((len(group), n + 1))
+        out[:, line] = values
+        return lanes(out)
 
+    gap = group.gap if scene.precompression == 0.0 else -_static_overlaps(scene, group)
+    weight = group.mass * scene.gravity + np.asarray(scene.load)
     power = np.full(n + 1, 2.5)
-    power[line] = c.exponent
+    power[line] = scene.contacts.exponent
     law = 0 if np.all(power[line] == 2.5) else 1 if np.all(power[line] == 2.0) else 2
-    gap = chains.gap if scene.precompression == 0.0 else -_static_overlaps(scene, chains)
-    weight = chains.mass * scene.gravity + np.asarray(scene.load)
-    resting = np.tile(resting_acceleration(scene), (LANES, 1))
-    crossing, peak, fastest = march(
-        bodies(chains.mass, math.inf),
-        bodies(chains.velocity, 0.0),
-        bodies(weight, 0.0),
-        contacts(chains.stiffness),
-        contacts(-gap),
-        power,
-        law,
-        contacts(resting),
-        jacobi_rules(power),
-        SLOWEST_TOUCH * _speed(scene),
-        SRKN_6B.drifts,
-        SRKN_6B.kicks,
-        scene.duration / steps,
-        steps,
-        kept,
-    )
-    crossing, peak, fastest = (item.reshape(n + 1, LANES) for item in (crossing, peak, fastest))
-    if not np.all(np.isfinite(fastest[1:])):
+    numbers = bodies(group.mass, math.inf), bodies(group.velocity, 0.0), bodies(weight, 0.0)
+    numbers = *numbers, contacts(group.stiffness), contacts(-gap)
+    resting = contacts(resting_acceleration(scene))[0]
+    method = jacobi_rules(power), SLOWEST_TOUCH * _speed(scene), SRKN_6B.drifts, SRKN_6B.kicks
+    kept = np.empty((len(group), samples + 1 if samples else 0, n))
+    read = np.empty((3, groups, n + 1, LANES))
+    for nth in range(groups):
+        rows = kept[LANES * nth : LANES * (nth + 1)]
+        of_group = (item[nth] for item in numbers)
+        found = march(*of_group, power, law, resting, *method, scene.duration / steps, steps, rows)
+        read[:, nth] = np.reshape(found, read.shape[:1] + read.shape[2:])
+    crossing, peak, fastest = read.swapaxes(2, 3).reshape(3, len(group), n + 1)[:, : len(chains)]
+    if not np.all(np.isfinite(fastest[:, 1:])):
         raise RunBroken(f"{scene.name}: a velocity is not finite at {steps} steps; give a smaller accuracy")
-    crossing, peak = crossing[line].T, peak[line].T
-    arrival = np.pad(crossing[:, :links], ((0, 0), (1, 0)), constant_values=np.nan)
+    values = _observables(crossing[:, line], peak[:, line], fastest[:, 1:])
+    return values | ({"velocity": kept[: len(chains)]} if samples else {})
+
+
+def _line(scene: Scene) -> NDArray[np.int64]:
+    """Return the place of each contact, walls last, on the line: contact k is between places k and k + 1."""
+    n = scene.n_body
+    line = np.arange(1, n) if scene.wall_left is None else np.append(np.arange(1, n), 0)
+    return line if scene.wall_right is None else np.append(line, n)
+
+
+def _observables(crossing: Floats, peak: Floats, fastest: Floats) -> dict[str, Floats]:
+    """Return the observables of chains from what their contacts and bodies had, one row for each chain."""
+    n = fastest.shape[1]
+    arrival = np.pad(crossing[:, : n - 1], ((0, 0), (1, 0)), constant_values=np.nan)
     reached = np.where(np.arange(n) == 0, True, ~np.isnan(arrival))
-    speed = np.where(reached & (fastest[1:].T > 0.0), fastest[1:].T, np.nan)
     return {
         "arrival_at_end": arrival[:, -1],
         "crossing_time": crossing,
         "residence_time": np.pad(np.diff(arrival), ((0, 0), (0, 1)), constant_values=np.nan),
-        "peak_velocity": speed,
+        "peak_velocity": np.where(reached & (fastest > 0.0), fastest, np.nan),
         "peak_force": peak,
     }
 
