@@ -96,17 +96,19 @@ def solve_chains(scene: Scene, chains: Chains, steps: int, samples: int = 0) -> 
     power = np.full(n + 1, 2.5)
     power[line] = scene.contacts.exponent
     law = 0 if np.all(power[line] == 2.5) else 1 if np.all(power[line] == 2.0) else 2
-    numbers = bodies(group.mass, math.inf), bodies(group.velocity, 0.0), bodies(weight, 0.0)
-    numbers = *numbers, contacts(group.stiffness), contacts(-gap)
+    mass, velocity, weight = bodies(group.mass, math.inf), bodies(group.velocity, 0.0), bodies(weight, 0.0)
+    stiffness, overlap = contacts(group.stiffness), contacts(-gap)
     resting = contacts(resting_acceleration(scene))[0]
-    method = jacobi_rules(power), SLOWEST_TOUCH * _speed(scene), SRKN_6B.drifts, SRKN_6B.kicks
+    rules, slow, drifts, kicks = jacobi_rules(power), SLOWEST_TOUCH * _speed(scene), SRKN_6B.drifts, SRKN_6B.kicks
     kept = np.empty((len(group), samples + 1 if samples else 0, n))
     read = np.empty((3, groups, n + 1, LANES))
     for nth in range(groups):
         rows = kept[LANES * nth : LANES * (nth + 1)]
-        of_group = (item[nth] for item in numbers)
-        found = march(*of_group, power, law, resting, *method, scene.duration / steps, steps, rows)
-        read[:, nth] = np.reshape(found, read.shape[:1] + read.shape[2:])
+        result = march(
+            mass[nth], velocity[nth], weight[nth], stiffness[nth], overlap[nth], power, law, resting, rules, slow,
+            drifts, kicks, scene.duration / steps, steps, rows,
+        )  # fmt: skip
+        read[:, nth] = np.reshape(result, (3, n + 1, LANES))
     crossing, peak, fastest = read.swapaxes(2, 3).reshape(3, len(group), n + 1)[:, : len(chains)]
     if not np.all(np.isfinite(fastest[:, 1:])):
         raise RunBroken(f"{scene.name}: a velocity is not finite at {steps} steps; give a smaller accuracy")
