@@ -10,7 +10,7 @@ PYTEST := -n auto
 # without bytecode every process of the tests, and every process that a test starts, would compile all modules again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup verify test test-all bench docs lint peers pins wheels mutate machines house soak coverage clean
+.PHONY: setup verify test test-all bench docs lint peers pins wheels mutate machines house guests soak coverage clean
 
 setup: $(STAMP)
 
@@ -82,6 +82,10 @@ mutate: $(STAMP)
 # the tests whose subject is digits, as on other processors and libraries; ARGS="--whole" for the whole suite
 machines: $(STAMP)
 	$(BIN)/python .ci/machines.py $(ARGS)
+
+# the suite in a copy without the studies, which are guests: nothing else needs them; ARGS are those of pytest
+guests: $(STAMP)
+	$(BIN)/python .ci/guests.py $(ARGS)
 
 # how the package is built, in numbers: rooms, arrows, circles, sizes; ARGS="--checkout DIR --checkout ." for before and after
 house: $(STAMP)

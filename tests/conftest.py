@@ -10,6 +10,7 @@ import gc
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,19 @@ def group_of(nodeid: str, root: Path) -> str:
     return str(file.parent if shares_runs else file)
 
 
+#: public functions that find a study, whose examples are skipped where there are no studies
+_EXAMPLES_OF_STUDIES = ("studies.study", "studies.minimal", "guests.studies_in")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.name in {f"dem_bridge.api.{name}" for name in _EXAMPLES_OF_STUDIES}:
+            item.add_marker(pytest.mark.skipif(find_spec("dem_bridge.studies") is None, reason="no studies"))
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.get_closest_marker("studies") is not None:
+        pytest.importorskip("dem_bridge.studies")
     if item.get_closest_marker("lammps") is None:
         return
     try:

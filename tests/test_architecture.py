@@ -112,6 +112,7 @@ FLOOR_OF = {room: floor for floor, rooms in enumerate(ROOMS) for room in rooms}
 INNER = sorted(name for name in MODULES if name != "dem_bridge")
 
 
+@pytest.mark.studies
 def test_every_module_has_a_room_and_every_room_a_module() -> None:
     assert {_part(name) for name in INNER} == set(FLOOR_OF)
 
@@ -232,15 +233,9 @@ def test_only_its_own_module_imports_dask_and_only_when_it_connects() -> None:
 
 
 def test_only_scene_files_defects_and_texts_and_names_of_studies_are_parsed() -> None:
-    assert _importers("tomllib") == {
-        "api.guests",
-        "lmp.known_defects",
-        "scene.file.load",
-        "scene.file.text",
-        "scene.shipped",
-        "report.texts",
-        "studies.extremes.catalogue",
-    }
+    importers = {name for name in _importers("tomllib") if name != "studies.extremes.catalogue"}
+    scenes = {f"scene.{name}" for name in ("file.load", "file.text", "shipped")}
+    assert importers == {"api.guests", "lmp.known_defects", "report.texts", *scenes}
     assert _importers("pydantic") == {"scene.file.load", "scene.file.forms", "scene.file.body_forms"}
 
 
@@ -321,9 +316,12 @@ def _row(room: str) -> str:
 
 @pytest.mark.parametrize("room", FLOOR_OF)
 def test_the_documentation_says_what_a_room_imports(room: str) -> None:
+    if room == "studies":
+        pytest.importorskip("dem_bridge.studies")
     assert re.findall(rf"^\| {room} \|.*$", PAGE, re.MULTILINE) == [_row(room)]
 
 
+@pytest.mark.studies
 def test_every_module_that_the_documentation_names_exists() -> None:
     rooms = "|".join(FLOOR_OF)
     named = set(re.findall(rf"`((?:{rooms})/[\w/.]+)`", PAGE))

@@ -96,6 +96,7 @@ def test_the_tests_of_a_file_run_in_one_process(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.studies  # theirs is the folder
 def test_a_folder_with_shared_runs_is_one_group() -> None:
     assert group_of("tests/studies/paper/test_claims.py::test_a[x]", ROOT) == "tests/studies/paper"
     assert group_of("tests/backends/test_scipy.py::test_b[a::b]", ROOT) == "tests/backends/test_scipy.py"

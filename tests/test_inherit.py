@@ -92,6 +92,7 @@ def test_every_test_on_the_page_exists(name: str) -> None:
     assert re.search(rf"^def {function}\(", text, re.MULTILINE), name
 
 
+@pytest.mark.studies
 def test_every_file_on_the_page_exists_and_what_it_makes_does_not() -> None:
     new_files = {block.path for block in MADE}
     for path in new_files:

@@ -30,7 +30,6 @@ def values() -> dict[str, Any]:
         "Uncertainty": run.uncertainty,
         "Comparison": db.compare(run, db.solve(BIG, backend="verlet", dt=5e-7, uncertainty=False)),
         "Plan": db.plan(PAIR, 1e-3, backend="verlet"),
-        "Study": db.study("restitution"),
         "Ensemble": db.ensemble(db.load_scene("decelerating-40"), vary={"angle": 0.5}, n=8, accuracy=1e-2),
         "Table": db.table_of(BIG, table="contacts", with_run=False),
     }
@@ -45,7 +44,6 @@ NAMES = [
     "Uncertainty",
     "Comparison",
     "Plan",
-    "Study",
     "Ensemble",
     "Table",
 ]
@@ -69,7 +67,7 @@ def test_a_result_prints_in_at_most_15_lines(name: str, values: dict[str, Any]) 
     assert "array(" not in str(values[name])
 
 
-@pytest.mark.parametrize("name", ["Trajectory", "Study", "Ensemble"])
+@pytest.mark.parametrize("name", ["Trajectory", "Ensemble"])
 def test_a_notebook_has_a_picture(name: str, values: dict[str, Any]) -> None:
     html = values[name]._repr_html_()
     assert ("data:image/png;base64," in html) or ("<svg" in html)

@@ -72,6 +72,7 @@ def test_entries_of_another_version_of_the_store_are_listed_and_left_alone(tmp_p
     assert len(inspect.check(store)[1]) == 1
 
 
+@pytest.mark.studies
 def test_the_page_lists_every_schema_with_its_number() -> None:
     found = set()
     for file in sorted((ROOT / "dem_bridge").rglob("*.py")):

@@ -74,6 +74,7 @@ def test_the_sample_of_faults_is_the_same_every_time_and_changes_one_line_each()
         assert faults.sample(8, 3, files=[fault.file])[number] == fault
 
 
+@pytest.mark.studies  # one part is theirs
 def test_every_part_in_which_faults_are_planted_has_sources_and_tests() -> None:
     parts = [part for group in faults.GROUPS.values() for part in group]
     assert sorted(parts) == sorted(mutate.TESTS)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -24,16 +26,60 @@ for name in names:
 """
 
 
-@pytest.mark.parametrize("entry", [*VERIFICATIONS.values(), *SCENES.values()], ids=lambda entry: entry.function)
-def test_every_guest_that_is_no_study_has_its_function(entry: object) -> None:
-    assert callable(function_of(entry))  # type: ignore[arg-type]
+@pytest.mark.studies
+def test_every_guest_has_its_function() -> None:
+    others = (*VERIFICATIONS.values(), *SCENES.values())
+    assert all(callable(function_of(entry)) for entry in others)
+    assert (len(others), len(STUDIES) > 10) == (2, True)
 
 
 def test_only_the_catalogue_of_guests_knows_the_studies() -> None:
     files = {file for file in (ROOT / "dem_bridge").rglob("*.py") if "studies" not in file.relative_to(ROOT).parts[:-1]}
     assert {file.name for file in files if "import dem_bridge.studies" in file.read_text()} == set()
     assert {file.name for file in files if "from dem_bridge.studies" in file.read_text()} == set()
-    assert len(STUDIES) > 10
+
+
+#: folders whose tests have studies as their subject, or measure what everything costs
+OF_STUDIES = ("studies", "bench")
+_NAMES = "|".join(sorted(map(re.escape, STUDIES), key=len, reverse=True)) or "none"
+#: a call of a public function, a command as a text or in words, or a module
+NAMED = re.compile(
+    rf"db\.study\(|partial\(db\.study,|\bstudy (?:{_NAMES})\b|'study', '(?:{_NAMES})'|db\.minimal\("
+    r"|(?:from|import) dem_bridge\.studies"
+)
+#: how a test says that it is skipped where there are no studies
+SKIPPED = re.compile(r"importorskip\('dem_bridge\.studies|mark\.studies\b|find_spec\('dem_bridge\.studies'\)")
+
+
+def unskipped(text: str) -> list[str]:
+    """Return the first lines of those parts of a module that name a study and are not skipped where there is none."""
+    parts = [ast.unparse(node) for node in ast.parse(text).body]
+    return [part.splitlines()[0] for part in parts if NAMED.search(part) and not SKIPPED.search(part)]
+
+
+def test_no_test_of_another_room_needs_a_study() -> None:
+    files = {file for file in (ROOT / "tests").rglob("*.py") if file.relative_to(ROOT).parts[1] not in OF_STUDIES}
+    files.remove(Path(__file__))
+    assert len(files) > 200
+    assert {file.name: parts for file in files if (parts := unskipped(file.read_text(encoding="utf-8")))} == {}
+
+
+@pytest.mark.studies
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def test():\n    db.study('scatter', PAIR)",
+        "RUN = partial(db.study, 'scatter')",
+        "from dem_bridge.studies.bands import edges",
+        "def helper():\n    from dem_bridge.studies import bands",
+        "COMMANDS = ['study order tapered-backward']",
+        "def test():\n    run_here('study', 'scatter', '--count', '2')",
+        "def test():\n    return db.minimal(SCENE)",
+    ],
+)
+def test_a_test_that_needs_a_study_is_found(text: str) -> None:
+    assert len(unskipped(text)) == 1
+    assert not text.startswith("def") or unskipped(f"@pytest.mark.studies\n{text}") == []
 
 
 @pytest.fixture(scope="module")

@@ -49,7 +49,7 @@ except ImportError:
         ("judge a.csv --scene tapered-backward", "the reference solution of tapered-backward, and fits to a.csv"),
         ("plan tapered-backward --accuracy 1e-5", "tapered-backward: the cheapest settings for 1e-05"),
         ("check in.chain", "check of in.chain"),
-        ("study order tapered-backward", "study order is loaded"),
+        pytest.param("study order tapered-backward", "study order is loaded", marks=pytest.mark.studies),
         ("compare a.csv b.nc", "a.csv and b.nc are compared"),
         ("convert a.nc -o b.csv", "a.nc is converted"),
         ("show tapered-backward", "tapered-backward is solved for the drawing"),

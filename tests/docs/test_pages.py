@@ -35,6 +35,7 @@ def test_a_number_that_is_wrong_is_caught(tmp_path: Path) -> None:
     assert results(page).failed == 1
 
 
+@pytest.mark.studies  # two pages name modules of theirs
 def test_every_theory_page_has_equations_and_names_sources_and_code() -> None:
     assert len(THEORY) >= 6
     for page in THEORY:

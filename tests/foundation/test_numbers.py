@@ -68,7 +68,7 @@ PAIR: dict[str, Any] = {
         lambda value: db.plan("decelerating-40", accuracy=value),
         lambda value: db.ensemble("decelerating-40", vary={"mass": value}, n=1),
         lambda value: db.ensemble("decelerating-40", vary={"mass": 0.1}, n=value),
-        lambda value: db.study("horizon", "decelerating-40", steps=value),
+        pytest.param(lambda value: db.study("horizon", "decelerating-40", steps=value), marks=pytest.mark.studies),
         lambda value: db.angles_for([1e10], radius=1e-2, youngs_modulus=1e9, poissons_ratio=0.2, within=value),
         lambda value: Engine(ranks=value),
         lambda value: Scene(**{**PAIR, "samples": value}),

@@ -17,6 +17,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+import pytest
 from scipy.io import netcdf_file
 
 import dem_bridge as db
@@ -364,9 +365,7 @@ def _judged(path: Path) -> object:
 
 
 def _read_measured(path: Path) -> Any:
-    from dem_bridge.studies.measurement.readings import read_measurement
-
-    return read_measurement([path], PAIR)
+    return pytest.importorskip("dem_bridge.studies.measurement.readings").read_measurement([path], PAIR)
 
 
 def _any_run() -> list[bytes]:

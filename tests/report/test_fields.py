@@ -26,38 +26,26 @@ def test_every_field_of_every_sentence_has_a_value() -> None:
     assert [line for page, content in PAGES.items() for line in CODE.unknown_fields(page, content)] == []
 
 
-#: a text of each kind and room, with a field that no code gives
-FAULTS = [
-    ("bands", "sentences", "measured"), ("bands", "verdicts", "edge"), ("bands", "tables", "edges"),
-    ("horizon", "panels", "energy"), ("horizon", "figures", "horizon-distribution"), ("claims", "decelerates", "each"),
-    ("paper", "answer", "codes"), ("overview", "within", "energy"), ("verify", "sentences", "engine"),
-    ("banner", "why", "step"), ("scope", "sentences", "code"), ("judge", "sentences", "error"),
-    ("check", "panels", "error"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("page", "group", "key"), FAULTS)
-def test_a_misspelt_field_is_found(page: str, group: str, key: str) -> None:
+def misspelt(page: str, group: str, key: str) -> list[str]:
+    """Return what is said when one field of a text of a page is misspelt."""
     content = deepcopy(PAGES[page])
     entry = content[group]
     if isinstance(entry[key], dict):
         entry, key = entry[key], next(name for name, text in entry[key].items() if fields_of(text))
     field = sorted(fields_of(entry[key]))[0]
     entry[key] = entry[key].replace("{" + field, "{" + field[:-1] + "q" + field[-1], 1)
-    [*lines] = CODE.unknown_fields(page, content)
+    return [*CODE.unknown_fields(page, content)]
+
+
+#: a text of each kind and room, with a field that no code gives; those of studies are in tests/studies/report
+FAULTS = [
+    ("verify", "sentences", "engine"), ("banner", "why", "step"), ("scope", "sentences", "code"),
+    ("judge", "sentences", "error"), ("check", "panels", "error"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("page", "group", "key"), FAULTS)
+def test_a_misspelt_field_is_found(page: str, group: str, key: str) -> None:
+    lines = misspelt(page, group, key)
     assert lines
     assert all(f"{page}.toml, {group}." in line for line in lines)
-
-
-def test_a_field_of_the_page_that_a_call_does_not_give_is_found() -> None:
-    content = deepcopy(PAGES["bands"])
-    content["sentences"]["edges"] += " {tolerance}"
-    [line] = CODE.unknown_fields("bands", content)
-    assert line.startswith("bands.toml, sentences.edges: {tolerance} has no value in dem_bridge.studies.bands, line ")
-
-
-def test_a_misspelt_attribute_of_a_field_is_found() -> None:
-    content = deepcopy(PAGES["extremes"])
-    content["sentences"]["nearest"] = content["sentences"]["nearest"].replace("finding.ratio", "finding.ratoi")
-    [line] = CODE.unknown_fields("extremes", content)
-    assert "{row.finding.ratoi}" in line

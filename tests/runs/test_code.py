@@ -94,7 +94,6 @@ EDITS: dict[str, set[tuple[str, bool] | str]] = {
     "cli/terminal.py": set(),
     "cli/options.py": set(),
     "api/studies.py": set(),
-    "studies/pages/claims.toml": set(),
     "verification/checks.py": set(),
     "judging/cause.py": set(),
     "foundation/notebook.py": set(),
@@ -120,12 +119,15 @@ EDITS: dict[str, set[tuple[str, bool] | str]] = {
     "runs/uncertainty/from_looser_runs.py": _of("reference", "scipy", only_uncertainty=True),
     "physics/hertz.py": EVERY,
     "scene/scene.py": EVERY,
+    "studies/pages/claims.toml": set(),
 }
 
 
 def test_a_change_makes_the_runs_anew_whose_numbers_pass_through_it_and_no_others(package: Path) -> None:
     before = _now(package)
     for name, anew in EDITS.items():
+        if name.startswith("studies/"):  # the last of them
+            pytest.importorskip("dem_bridge.studies")
         file = package / name
         text = file.read_text(encoding="utf-8")
         file.write_text(f"{text}\n# another line")
@@ -172,9 +174,11 @@ def test_every_rule_that_the_choice_of_a_rule_imports_is_in_a_key() -> None:
     assert {MODULES[name].relative_to(PACKAGE).as_posix() for name in rules} <= keys
 
 
-def test_the_parts_that_are_left_out_exist() -> None:
-    for part in (*NOT_IN_RUNS, *NOT_IN_STUDIES):
-        assert f"dem_bridge.{part}" in MODULES or (PACKAGE / part.replace(".", "/")).is_dir(), part
+@pytest.mark.parametrize("part", sorted({*NOT_IN_RUNS, *NOT_IN_STUDIES}))
+def test_the_parts_that_are_left_out_exist(part: str) -> None:
+    if part == "studies":
+        pytest.importorskip("dem_bridge.studies")
+    assert f"dem_bridge.{part}" in MODULES or (PACKAGE / part.replace(".", "/")).is_dir()
 
 
 def test_the_modules_in_the_keys_of_each_backend_are_those_that_were_agreed() -> None:

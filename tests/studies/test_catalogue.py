@@ -33,7 +33,7 @@ from dem_bridge.report.pages import typeset
 from dem_bridge.report.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.scene.file.text import scene_toml
 from dem_bridge.scene.scene import Scene
-from tests.helpers.small_stability import small_stability
+from tests.studies.stability.small import small_stability
 
 
 def small(*, outcome: Outcome = Outcome.PASS, interrupted: bool = False) -> Study:

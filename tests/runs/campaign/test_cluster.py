@@ -82,6 +82,7 @@ def test_tables_of_a_verification_are_equal_byte_for_byte_whoever_makes_the_runs
 
 
 @pytest.mark.slow
+@pytest.mark.studies
 def test_tables_of_a_study_are_equal_byte_for_byte(executor: Executor) -> None:
     # by the worker that is left
     where: tuple[dict[str, Any], ...] = ({"jobs": 1}, {"executor": executor})
@@ -89,6 +90,7 @@ def test_tables_of_a_study_are_equal_byte_for_byte(executor: Executor) -> None:
     assert [table.as_csv() for table in there.tables] == [table.as_csv() for table in here.tables]
 
 
+@pytest.mark.studies
 def test_the_command_line_takes_a_scheduler_file(cluster: Cluster, tmp_path: Path) -> None:
     words = ("study", "scatter", "decelerating-40", "--count", "2", "--no-cache", "--json")
     done = run_here(*words, "--cluster", str(cluster.file), cwd=tmp_path)

@@ -252,13 +252,14 @@ def test_a_pool_of_processes_that_breaks_is_replaced(expected: str, tmp_path: Pa
     assert multiprocessing.active_children() == []
 
 
-def test_jobs_and_executor_exclude_each_other() -> None:
-    functions: list[Any] = [db.verify, partial(db.study, "scatter"), db.regress]
-    for function in functions:
-        with pytest.raises(UsageError, match=r"jobs = 2 and executor = .* were both given; allowed: one of them"):
-            function("decelerating-40", jobs=2, executor=Silent())
-        with pytest.raises(UsageError, match=r"executor = 3; allowed: a concurrent\.futures\.Executor, or None"):
-            function("decelerating-40", executor=3)
+@pytest.mark.parametrize(
+    "function", [db.verify, db.regress, pytest.param(partial(db.study, "scatter"), marks=pytest.mark.studies)]
+)
+def test_jobs_and_executor_exclude_each_other(function: Any) -> None:
+    with pytest.raises(UsageError, match=r"jobs = 2 and executor = .* were both given; allowed: one of them"):
+        function("decelerating-40", jobs=2, executor=Silent())
+    with pytest.raises(UsageError, match=r"executor = 3; allowed: a concurrent\.futures\.Executor, or None"):
+        function("decelerating-40", executor=3)
 
 
 # Ctrl-C

@@ -26,7 +26,7 @@ from dem_bridge.studies.stability.study import study_stability
 from dem_bridge.trajectory.dense import Schedule
 from tests.helpers.counting_store import Counting
 from tests.helpers.driven_chains import SINE
-from tests.helpers.small_stability import small_stability
+from tests.studies.stability.small import small_stability
 
 SCENE = replace(chain("three", (1e-2,) * 3, (4e9,) * 2), samples=20)
 
