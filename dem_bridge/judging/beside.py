@@ -17,8 +17,9 @@ from dem_bridge.formats.readers import Record, read_record
 from dem_bridge.foundation.notebook import quantity as amount
 from dem_bridge.judging.deck import DeckRun, deck_run
 from dem_bridge.judging.foreign import TIME_LIMIT_S, Command, ForeignRun, default_steps, foreign_runs
-from dem_bridge.judging.judgement import Addition, Judgement, judge_records
+from dem_bridge.judging.judgement import Addition, Judgement
 from dem_bridge.judging.limits import deck_limits
+from dem_bridge.judging.records import judge_records
 from dem_bridge.judging.reference import reference_at
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.report.columns import SECOND, Column

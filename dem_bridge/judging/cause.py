@@ -10,13 +10,13 @@ import numpy as np
 
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.formats.readers.record import Record
-from dem_bridge.judging.diagnosis import PRIORITY, Diagnosis, Fault
-from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, Fit
-from dem_bridge.judging.hypotheses import Hypothesis, Variant
-from dem_bridge.judging.naming import (
+from dem_bridge.judging.diagnosis import (
     ERROR_OF_UNKNOWN_METHOD,
     LEAST_EFFECT_FLOORS,
+    PRIORITY,
     RIGHT,
+    Diagnosis,
+    Fault,
     alternative,
     as_good,
     claim,
@@ -26,13 +26,14 @@ from dem_bridge.judging.naming import (
     priority,
     sentence,
 )
-from dem_bridge.judging.other_scene import FEWEST_OTHER_MASSES, other_masses, shipped_scene
+from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, Fit
+from dem_bridge.judging.hypotheses import Hypothesis, Variant
 from dem_bridge.judging.pairs import name_pair
 from dem_bridge.judging.samples import WORDS, sample_hypotheses
 from dem_bridge.judging.search import Search
-from dem_bridge.judging.single import on_single_grid
 from dem_bridge.judging.stated import Statement, changed, statements, variant_of
 from dem_bridge.judging.step import step_error
+from dem_bridge.judging.without_fits import FEWEST_OTHER_MASSES, on_single_grid, other_masses, shipped_scene
 from dem_bridge.scene.scene import Scene
 
 #: difference relative to the scale that no cause makes: units differ by at most 1e9

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import BlockedScript, RunBroken, SceneError, UsageError
 from dem_bridge.foundation.files import MOST_BYTES, opened, text_of_file
-from dem_bridge.judging.stated import of_any_contact
+from dem_bridge.judging.stated import differences, of_any_contact
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.opening import files_of
 from dem_bridge.lmp.output import read_binary_dump
@@ -36,10 +36,6 @@ _DUMP, _FILE = "dem_bridge", "dem_bridge.dump"
 _ACTIVE, _ACTIVE_FILE = "dem_bridge_active", "dem_bridge_active.bin"
 #: commands of which one begins a line of every LAMMPS deck
 _DECK = re.compile(r"^[ \t]*(units|atom_style|pair_style|read_data|create_box|include)[ \t]+\S", re.MULTILINE)
-#: fields of a scene that are compared with those of the deck, with the relative difference that counts as round-off
-_FIELDS = ("mass", "stiffness", "exponent", "gap", "velocity", "wall_left", "wall_right", "gravity", "precompression",
-           "damping", "adhesion", "drag", "drive")  # fmt: skip
-_ROUNDOFF_OF_FIELDS = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -325,35 +321,3 @@ def _put_in_order(dump: Path, *, mirrored: bool) -> tuple[tuple[int, ...], int]:
         parts.append(heading + "\n".join(kept) + "\n" + rest)
     dump.write_text("".join(parts))
     return tuple(sorting.tolist()), axis
-
-
-def differences(scene: Scene, other: Scene) -> dict[str, str]:
-    """Return how each field in which two scenes differ differs, in words."""
-    words = {name: _difference(of_any_contact(scene, name), of_any_contact(other, name)) for name in _FIELDS}
-    return {name: text for name, text in words.items() if text}
-
-
-def _difference(ours: object, theirs: object) -> str:
-    """Return how two values of a scene differ, in words; '' if they agree to round-off."""
-    if isinstance(ours, tuple | float) and isinstance(theirs, tuple | float):
-        first, second = np.atleast_1d(ours).astype(float), np.atleast_1d(theirs).astype(float)
-        if len(first) != len(second):
-            return f"{len(second)} numbers; the scene has {len(first)}"
-        gap = np.abs(first - second)
-        if np.max(gap, initial=0.0) <= _ROUNDOFF_OF_FIELDS * np.max(np.abs([first, second]), initial=0.0):
-            return ""
-        place = int(np.argmax(gap))
-        where = f" at {place}" if len(first) > 1 else ""
-        return f"{second[place]:.9g}{where}; the scene has {first[place]:.9g}"
-    if ours == theirs:
-        return ""
-    return f"{_brief(theirs)}; the scene has {_brief(ours)}"
-
-
-def _brief(value: object) -> str:
-    """Return a part of a scene in a few words."""
-    if value is None:
-        return "none"
-    fields = {key: item for key, item in vars(value).items() if item is not None} if hasattr(value, "__dict__") else {}
-    words = ", ".join(f"{key} {item if not isinstance(item, tuple) else item[0]}" for key, item in fields.items())
-    return words or str(value)

@@ -1,19 +1,17 @@
-"""Hypotheses: what each cause changes in a scene or in its samples, with the values from which a fit starts."""
+"""A hypothesis on the cause of a difference: what it changes in a scene or in its samples, and where its fit starts."""
 
 from __future__ import annotations
 
 import math
-import operator
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.judging.kernels import System
-from dem_bridge.judging.model import Model, system_of
+from dem_bridge.judging.model import Model
 from dem_bridge.scene.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -88,6 +86,9 @@ class Hypothesis:
 LARGEST_LOGARITHM_OF_FACTOR = 7.0
 #: standard deviations by which a parameter is not 0
 DEVIATIONS_FROM_ZERO = 5.0
+#: numbers of a system whose changes are multiplied; those of all others are added
+FACTORS = ("mass", "stiffness", "damping", "velocity")
+TERMS = ("free", "exponent", "gap", "damping_power", "pull_off", "drag")
 LOG_STARTS = ((0.0,), (0.7,), (-0.7,))
 WIDE_STARTS = (*LOG_STARTS, (1.6,), (-1.6,), (2.7,), (-2.7,))
 
@@ -107,19 +108,19 @@ class Changes:
         """Return the system with factors on masses ``(n,)`` and stiffnesses ``(n + 1,)``."""
         base = self.base
         masses, constants = base.mass * mass, base.stiffness * stiffness
-        ratio = _effective(masses) / _effective(base.mass)
+        ratio = effective(masses) / effective(base.mass)
         damping = base.damping * stiffness ** self.powers[0] * ratio ** self.powers[1]
         load = (base.free - self.scene.gravity) * base.mass
         return base.changed(mass=masses, stiffness=constants, damping=damping, free=self.scene.gravity + load / masses)
 
     def one_mass(self, body: int) -> Callable[[Floats], Variant]:
         """Return the change of the mass of one body by the factor exp(parameter)."""
-        return lambda p: Variant(self.with_factors(mass=_single(self.scene.n_body, body, _factor(p[0]))))
+        return lambda p: Variant(self.with_factors(mass=_single(self.scene.n_body, body, factor_of(p[0]))))
 
     def one_stiffness(self, place: int) -> Callable[[Floats], Variant]:
         """Return the change of the stiffness of one contact of the line by the factor exp(parameter)."""
         size = self.scene.n_body + 1
-        return lambda p: Variant(self.with_factors(stiffness=_single(size, place, _factor(p[0]))))
+        return lambda p: Variant(self.with_factors(stiffness=_single(size, place, factor_of(p[0]))))
 
     def one_gap(self, place: int, unit: float) -> Callable[[Floats], Variant]:
         """Return the change of the gap of one contact of the line by the parameter times ``unit`` (m)."""
@@ -163,7 +164,7 @@ class Changes:
         (restitution).
         """
         base, n = self.base, self.base.exponent
-        mass, depth = _effective(base.mass), max(self.model.depth, 1e-12)
+        mass, depth = effective(base.mass), max(self.model.depth, 1e-12)
         present = base.stiffness > 0.0
         middle = int(np.argmax(base.stiffness))
         critical = 2.0 * np.sqrt((n - 1.0) * base.stiffness * depth ** (n - 2.0) * mass)
@@ -182,13 +183,13 @@ class Changes:
         return make, float(unit)
 
 
-def _effective(mass: Floats) -> Floats:
+def effective(mass: Floats) -> Floats:
     """Return the effective mass of each contact of the line, walls included."""
     inverse = np.concatenate([[0.0], 1.0 / mass, [0.0]])
     return np.asarray(1.0 / (inverse[:-1] + inverse[1:]))
 
 
-def _factor(logarithm: float) -> float:
+def factor_of(logarithm: float) -> float:
     """Return the factor of a logarithm; beyond a thousand it stays, because a fit may try any number."""
     return math.exp(min(max(logarithm, -LARGEST_LOGARITHM_OF_FACTOR), LARGEST_LOGARITHM_OF_FACTOR))
 
@@ -199,225 +200,42 @@ def _single(size: int, index: int, factor: float) -> Floats:
     return values
 
 
-DAMPING_NAMES = ("dashpot", "mass_velocity", "kuwabara-kono", "coeff_restitution")
-
-
-def global_hypotheses(scene: Scene, model: Model) -> Iterator[Hypothesis]:
-    """Yield the hypotheses that concern the whole chain and are fitted by continuous parameters, or have none."""
-    change = Changes(scene, model)
-    base = model.system
-    yield Hypothesis(
-        "stiffness-scale",
-        lambda p: Variant(change.with_factors(stiffness=_factor(p[0]))),
-        "All stiffnesses are {0:.6g} +- {1:.2g} of the scene's.",
-        WIDE_STARTS,
-        value=_factor,
-        family="factor",
-    )
-    yield Hypothesis(
-        "mass",
-        lambda p: Variant(change.with_factors(mass=_factor(p[0]))),
-        "All masses are {0:.6g} +- {1:.2g} of the scene's.",
-        WIDE_STARTS,
-        value=_factor,
-        family="factor",
-    )
-    yield from _exponents(change)
-    yield from _patterns(scene, change)
-    yield from _damping(scene, change)
-    yield from _gravity(scene, change)
-    yield Hypothesis("tension", lambda p: Variant(base.changed(pulls=True)), "Open contacts pull.")
-    yield Hypothesis(
-        "time-scale",
-        lambda p: Variant(base, scale=_factor(p[0])),
-        "Times of the file are to be multiplied by {0:.8g} +- {1:.2g}.",
-        ((0.0,), (0.3,), (-0.3,)),
-        value=_factor,
-    )
-    yield Hypothesis(
-        "start-velocity",
-        lambda p: Variant(base.changed(velocity=base.velocity * _factor(p[0]))),
-        "All start velocities are {0:.6g} +- {1:.2g} of the scene's.",
-        LOG_STARTS,
-        value=_factor,
-    )
-    yield Hypothesis(
-        "drag",
-        lambda p: Variant(base._replace(drag=base.drag + p[0] / scene.duration)),
-        "Every body is dragged.",
-        ((0.0,), (0.1,)),
-        nameable=False,
+def merged(base: System, first: Variant, second: Variant) -> Variant | None:
+    """Return the variant with the changes of both; None if both change what only one can."""
+    none = Variant(base)
+    for name in ("late", "lag", "order", "method"):
+        if all(getattr(item, name) != getattr(none, name) for item in (first, second)):
+            return None
+    a, b = first.system, second.system
+    for name in ("damping", "exponent"):
+        if all(np.any(getattr(system, name) != getattr(base, name)) for system in (a, b)):
+            return None
+    values: dict[str, Any] = {name: _product(*(getattr(s, name) for s in (a, b, base))) for name in FACTORS}
+    values |= {name: getattr(a, name) + getattr(b, name) - getattr(base, name) for name in TERMS}
+    values["clipped"] = a.clipped if a.clipped != base.clipped else b.clipped
+    values["pulls"] = a.pulls or b.pulls
+    offsets = [np.array(item.offset) for item in (first, second) if item.offset is not None]
+    own = first if first.method is not None else second
+    return Variant(
+        base.changed(**values),
+        shift=first.shift + second.shift,
+        scale=first.scale * second.scale,
+        late=first.late or second.late,
+        lag=first.lag or second.lag,
+        factors=(
+            first.factors[0] * second.factors[0],
+            first.factors[1] * second.factors[1],
+            first.factors[2] * second.factors[2],
+        ),
+        order=first.order if first.order is not None else second.order,
+        flipped=(*first.flipped, *second.flipped),
+        offset=tuple(np.sum(offsets, axis=0).tolist()) if offsets else None,
+        method=own.method,
+        dt=own.dt,
     )
 
 
-def _exponents(change: Changes) -> Iterator[Hypothesis]:
-    """Yield another exponent, with the stiffnesses of the scene as numbers and with others."""
-    own = np.unique(change.base.exponent)
-    if len(own) == 1:
-        start, words = float(own[0]), f"The exponent n is {{0:.6g}} +- {{1:.2g}} in place of {own[0]:g}"
-    else:
-        start, words = 0.0, "The exponents n differ from the scene's by {0:.6g} +- {1:.2g}"
-
-    def numbers(p: Floats, deviation: Floats) -> tuple[float, ...]:
-        # the factor on the forces at the depth of the impact is fitted, which the exponent does not change
-        depth = math.log(max(change.model.depth, 1e-12))
-        factor = math.exp(float(p[1]) - float(p[0]) * depth)
-        uncertain = factor * float(deviation[1] + deviation[0] * abs(depth))
-        return start + float(p[0]), float(deviation[0]), factor, uncertain
-
-    yield Hypothesis(
-        "exponent",
-        lambda p: Variant(change.bent(p[0])),
-        f"{words}.",
-        ((0.0,), (0.25,), (-0.25,), (0.5,), (-0.5,)),
-        value=lambda p: start + p,
-        bounds=(-1.4, 3.0),
-    )
-    yield Hypothesis(
-        "exponent",
-        lambda p: Variant(change.bent(p[0], factor=_factor(p[1]))),
-        f"{words}, and stiffness over mass is {{2:.6g}} +- {{3:.2g}} times the number of the scene.",
-        ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0)),
-        numbers=numbers,
-        bounds=(-1.4, 3.0),
-        together=("exponent", "stiffness-scale"),
-        least=DEVIATIONS_FROM_ZERO,
-    )
-
-
-def common_factor(scene: Scene, model: Model) -> Hypothesis:
-    """Return one factor on all masses and stiffnesses, which changes contact forces and mostly nothing else."""
-    change = Changes(scene, model)
-    return Hypothesis(
-        "stiffness-scale",
-        lambda p: Variant(change.with_factors(mass=_factor(p[0]), stiffness=_factor(p[0]))),
-        "All masses and all stiffnesses are {0:.6g} +- {1:.2g} of the scene's.",
-        LOG_STARTS,
-        value=_factor,
-        family="common",
-        together=("stiffness-scale", "mass"),
-    )
-
-
-def equal_radii(scene: Scene) -> bool:
-    """Return whether a factor sqrt(R*) may be the same for all contacts: a scene of numbers alone has no radii."""
-    return scene.geometry is None or len({body.radius for body in scene.geometry.bodies}) == 1
-
-
-def uniform_name(scene: Scene, factor: float, within: float) -> str:
-    """Return the cause that the value of a factor on all stiffnesses suggests; ``within`` is relative."""
-    if scene.geometry is None:
-        return "stiffness-scale"
-    body = scene.geometry.bodies[0]
-    loss = 1.0 - body.material.poissons_ratio**2
-    radii = (body.radius, 0.5 * body.radius) if equal_radii(scene) else ()
-    if any(abs(factor * math.sqrt(radius) - 1.0) < within for radius in radii):
-        return "missing-sqrt-radius"
-    if any(abs(factor / ratio - 1.0) < within for ratio in (2.0 * loss, loss, 2.0, 1.0 / loss, 0.5)):
-        return "modulus"
-    return "stiffness-scale"
-
-
-def stiffness_patterns(scene: Scene) -> Iterator[tuple[str, Floats]]:
-    """Yield causes with the factors on the stiffnesses of the contacts between bodies that they make.
-
-    Factors are relative to their geometric mean. Stiffnesses of walls are numbers of a scene, in which neither a radius
-    nor a modulus enters.
-    """
-    base = system_of(scene)
-    inner, walls = base.stiffness[1:-1], base.stiffness[[0, -1]]
-    moduli, radii = [np.ones(len(inner))], [np.cbrt(base.mass)]
-    if scene.geometry is not None:
-        radii = [np.array([body.radius for body in scene.geometry.bodies]), *radii]
-        young = np.array([body.material.youngs_modulus for body in scene.geometry.bodies])
-        loss = np.array([1.0 - body.material.poissons_ratio**2 for body in scene.geometry.bodies])
-        effective = _effective(young / loss)[1:-1]
-        moduli = [young[:-1] / effective, young[1:] / effective, _effective(young)[1:-1] / effective]
-    patterns = [("modulus", pattern) for pattern in moduli]
-    patterns += [("missing-sqrt-radius", _effective(radius)[1:-1] ** -0.5) for radius in radii]
-    patterns.append(("missing-sqrt-radius", inner**-1.0))
-    seen: list[Floats] = []
-    for cause, pattern in patterns if len(inner) else ():
-        relative = pattern / np.exp(np.mean(np.log(pattern)))
-        if np.ptp(relative) < 1e-9 and (cause != "modulus" or not np.any(walls > 0.0)):
-            continue
-        if any(np.max(np.abs(relative - other)) < 1e-9 for other in seen):
-            continue
-        seen.append(relative)
-        yield cause, relative
-
-
-def _patterns(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
-    """Yield factors on stiffnesses that differ between contacts: moduli, and a missing sqrt(R*)."""
-    for cause, relative in stiffness_patterns(scene):
-        words = "Stiffnesses lack sqrt(R*)" if cause != "modulus" else "Stiffnesses have another modulus"
-        yield Hypothesis(
-            cause,
-            lambda p, relative=relative: Variant(  # type: ignore[misc]
-                change.with_factors(stiffness=np.concatenate([[1.0], relative * _factor(p[0]), [1.0]]))
-            ),
-            f"{words} in the contacts between bodies (mean factor {{0:.6g}} +- {{1:.2g}}).",
-            WIDE_STARTS,
-            value=_factor,
-            probe=1e-3 if np.ptp(relative) < 1e-9 else None,
-        )
-
-
-def _damping(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
-    """Yield other damping, and another clip."""
-    base = change.base
-    if base.damped:
-        yield Hypothesis(
-            "clip",
-            lambda p: Variant(base._replace(clipped=not base.clipped)),
-            "The net contact force is {}clipped at zero.".format("not " if base.clipped else ""),
-        )
-        yield Hypothesis(
-            "damping",
-            lambda p: Variant(base.changed(damping=base.damping * _factor(p[0]))),
-            "The damping is {0:.6g} +- {1:.2g} of the scene's.",
-            LOG_STARTS,
-            value=_factor,
-        )
-        yield Hypothesis(
-            "damping", lambda p: Variant(base.changed(damping=0.0 * base.damping)), "Contacts are not damped."
-        )
-    for law, name in enumerate(DAMPING_NAMES):
-        for clipped in (True, False):
-            make, unit = change.damping(law, clipped)
-            yield Hypothesis(
-                "damping",
-                make,
-                f"Contacts are damped ({name}, {'clipped' if clipped else 'not clipped'}, constant {{0:.6g}}"
-                " +- {1:.2g}).",
-                ((0.0,), (1.0,), (0.1,), (10.0,)),
-                value=partial(operator.mul, unit),
-                probe=None if base.damped else 1e-2,
-                reach=100.0,
-                bounds=(0.0, 400.0),
-                family=f"damping {law}",
-            )
-
-
-def _gravity(scene: Scene, change: Changes) -> Iterator[Hypothesis]:
-    base, g = change.base, scene.gravity
-    unit = change.model.speed / scene.duration
-    starts = tuple({(-g / unit,): None, (9.81 / unit,): None, (-9.81 / unit,): None, (0.0,): None})
-    sentence = "The acceleration by gravity differs from the scene's by {0:.6g} +- {1:.2g} m/s^2."
-    yield Hypothesis(
-        "gravity",
-        lambda p: Variant(base._replace(free=base.free + p[0] * unit)),
-        sentence,
-        starts,
-        value=lambda p: p * unit,
-        reach=1e6,
-    )
-    if scene.precompression > 0.0 and g != 0.0:
-        yield Hypothesis(
-            "gravity",
-            lambda p: Variant(system_of(replace(scene, gravity=g + p[0] * unit))),
-            sentence,
-            starts,
-            value=lambda p: p * unit,
-            reach=1e6,
-        )
+def _product(first: Floats, second: Floats, base: Floats) -> Floats:
+    """Return the base with both factors on it, and the sum of both where it is 0."""
+    with np.errstate(all="ignore"):
+        return np.where(base != 0.0, first * (second / base), first + second)

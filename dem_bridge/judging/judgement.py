@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers import Record
-from dem_bridge.foundation.numbers import check_number
-from dem_bridge.judging.admission import check_steps, in_unit, units_of_time, usable
-from dem_bridge.judging.by_step import errors_by_step, observed_curve, step_curve
-from dem_bridge.judging.cause import diagnose
 from dem_bridge.judging.diagnosis import Diagnosis, Fault
-from dem_bridge.judging.error import FileErrors, QuantityErrors, file_errors
-from dem_bridge.judging.keyed import KeyedAnswer
-from dem_bridge.judging.naming import alternative
-from dem_bridge.judging.order import Convergence, convergence
-from dem_bridge.judging.reference import UNITS
-from dem_bridge.judging.step import ACCURACIES, StepError, accuracy_key
+from dem_bridge.judging.order import Convergence
+from dem_bridge.judging.reference import UNITS, FileErrors, QuantityErrors
+from dem_bridge.observables.step_error import ACCURACIES, StepError, accuracy_key
 from dem_bridge.observables.verdict import Outcome, exit_code, judge, plain
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
@@ -28,14 +19,30 @@ from dem_bridge.trajectory.trajectory import Floats
 if TYPE_CHECKING:
     from dem_bridge.report.study import FigureData, Study, Table
 
+
+class KeyedAnswer(Mapping[str, Any]):
+    """A mapping whose values are the attributes that ``answer_keys`` names, in this order."""
+
+    answer_keys: ClassVar[tuple[str, ...]] = ()
+
+    def __getitem__(self, key: str) -> Any:
+        if key not in self.answer_keys:
+            raise KeyError(key)
+        return getattr(self, key)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.answer_keys)
+
+    def __len__(self) -> int:
+        return len(self.answer_keys)
+
+
 #: keys of a judgement, in their order
 KEYS = (
     *("outcome", "error", "first_divergence", "order", "floor"),
     *("cause", "alternatives", "where", "evidence", "recognised"),
     *("step", "alternative_causes", "faults", "needed"),
 )
-#: what reference or digits leave open, relative to the largest value, above which no file is called right
-LARGEST_OPEN_SHARE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,8 +58,6 @@ class Addition:
 
 #: what files without contact forces cannot show
 COMMON_FACTOR = "One factor on all masses and stiffnesses changes no velocity; contact forces would show it."
-#: names of units of time by their size, s
-UNIT_NAMES = {1e-3: "ms", 1e-6: "µs", 1e-9: "ns"}
 #: the diagnosis of files without an error that can be seen
 EXPLAINED = Diagnosis(cause="none", evidence="Digits and reference explain all values.")
 
@@ -264,103 +269,3 @@ def _has_common_factor(scene: Scene) -> bool:
     forces = (scene.adhesion, scene.drive, scene.law)
     constant = scene.damping is not None and scene.damping.law == "dashpot"
     return not constant and scene.precompression == 0.0 and all(part is None for part in forces)
-
-
-def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float | None = None) -> Judgement:
-    """Judge what files hold against the reference solution of their scene.
-
-    Raises
-    ------
-    UsageError
-        For values that cannot be judged: not finite, a single sample, none later than the start, the same time step in
-        two files, or a tolerance that is not between 0 and 1.
-    UnsupportedScene
-        If there is no reference solution of the scene.
-    """
-    if tolerance is not None:
-        allowed = "a number between 0 and 1, relative to the largest value"
-        tolerance = check_number("tolerance", tolerance, allowed, above=0.0, below=1.0)
-    if not records:
-        raise UsageError("no file was given; give at least one file of the scene")
-    check_steps(records)
-    for unit in units_of_time(scene, records):
-        judgement = judge_records(scene, [in_unit(record, unit) for record in records], tolerance=tolerance)
-        if judgement.cause in ("none", "units"):
-            right = judgement.cause == "none"
-            rest = "time step and digits explain the difference." if right else judgement.evidence
-            diagnosis = Diagnosis(
-                cause="units",
-                alternatives=("time-scale",) if right else (),
-                sentences=(alternative(f"All times are to be multiplied by {unit:g}.", "time-scale"),) if right else (),
-                evidence=f"The times are in {UNIT_NAMES[unit]} ({1.0 / unit:.4g} times SI). With times in s: {rest}",
-            )
-            note = f"The errors are those of the files with times in a unit of {unit:g} s."
-            return replace(judgement, diagnosis=diagnosis, time_unit=unit, assumed=(*judgement.assumed, note))
-    judged, assumed = zip(*(usable(record, scene) for record in records), strict=True)
-    files = file_errors(scene, judged)
-    floor = {name: part.reference_uncertainty for file in files for name, part in file.quantities.items()}
-    notes = [text for texts in assumed for text in texts]
-    end = max(float(record.time[-1]) for record in judged)
-    if end > scene.duration * (1.0 + 1e-9):
-        notes.append(f"The scene ends at {scene.duration:.6g} s; the reference was continued to {end:.6g} s.")
-    converging = convergence(files)
-    diagnosis = _diagnosis(scene, files, floor, converging)
-    judgement = Judgement(
-        scene=scene,
-        files=files,
-        convergence=converging,
-        diagnosis=diagnosis,
-        tolerance=tolerance,
-        assumed=tuple(notes),
-    )
-    name, (file, _) = next(iter(judgement.worst.items()))
-    right = diagnosis.cause == "none" and name in judgement.order
-    accuracies = ACCURACIES if tolerance is None else (*ACCURACIES, tolerance)
-    curve = observed_curve(files, name) if right else None
-    return replace(
-        judgement,
-        step_curve=curve or step_curve(scene, diagnosis, file, name, accuracies),
-        by_step=errors_by_step(scene, diagnosis, judgement.judged[0]) if len(judgement.judged) == 1 else None,
-    )
-
-
-def _diagnosis(
-    scene: Scene, files: Sequence[FileErrors], floor: Mapping[str, float], converging: Sequence[Convergence]
-) -> Diagnosis:
-    """Return the likely cause; errors without a cause that fall to nothing with the time step are those of the step."""
-    explained = not any(file.first_divergence(scene) for file in files)
-    diagnosis = EXPLAINED if explained else diagnose(scene, [file.record for file in files], floor)
-    if diagnosis.cause == "none" and (part := _without_reference(files)):
-        name, share = part.quantity, part.relative(part.reference_uncertainty)
-        return Diagnosis(
-            cause="unknown",
-            evidence=f"The reference is uncertain by {share:.2g} of the largest {name} at these times, so that errors"
-            " of the file cannot be seen; give earlier samples.",
-        )
-    if diagnosis.cause == "none" and (share := min(_floors(files), default=0.0)) > LARGEST_OPEN_SHARE:
-        return Diagnosis(
-            cause="unknown",
-            evidence=f"The digits of the file leave {share:.2g} of the largest value open, so that errors cannot be"
-            " seen; write more digits.",
-        )
-    if diagnosis.cause != "unknown" or not converging or not all(part.vanishes for part in converging):
-        return diagnosis
-    order = min(part.order.value for part in converging if part.order is not None)
-    return Diagnosis(
-        cause="none",
-        evidence=f"The errors of all files fall with the time step at an order of {order:.2f} or more, as those of an"
-        " integrator do.",
-    )
-
-
-def _without_reference(files: Sequence[FileErrors]) -> QuantityErrors | None:
-    """Return a quantity that the reference does not determine; forces are uncertain wherever damped contacts close."""
-    for part in (part for file in files for part in file.quantities.values() if part.scale > 0.0):
-        if part.quantity != "contact_force" and part.relative(part.reference_uncertainty) > LARGEST_OPEN_SHARE:
-            return part
-    return None
-
-
-def _floors(files: Sequence[FileErrors]) -> list[float]:
-    """Return what digits and reference leave open of each quantity that has a scale, relative to it."""
-    return [part.relative(part.floor) for file in files for part in file.quantities.values() if part.scale > 0.0]

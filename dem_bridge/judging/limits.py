@@ -14,9 +14,9 @@ import numpy as np
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.foundation.numbers import whole_number
-from dem_bridge.judging.deck import DeckRun, UserDeck, differences
-from dem_bridge.judging.error import FileErrors
-from dem_bridge.judging.stated import changed
+from dem_bridge.judging.deck import DeckRun, UserDeck
+from dem_bridge.judging.reference import FileErrors
+from dem_bridge.judging.stated import changed, differences
 from dem_bridge.lmp.known_defects import defects_of
 from dem_bridge.lmp.mixing import mixing_warning
 from dem_bridge.lmp.reader.deck import UNITS

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.judging.error import FileErrors, QuantityErrors
+from dem_bridge.judging.reference import FileErrors, QuantityErrors
 from dem_bridge.observables.accuracy import observed_order
 from dem_bridge.trajectory.trajectory import Floats
 

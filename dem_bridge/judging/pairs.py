@@ -5,17 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.judging.chain_hypotheses import global_hypotheses
 from dem_bridge.judging.decision import RMS_NOISES_AT_END
-from dem_bridge.judging.diagnosis import PRIORITY, Diagnosis, Fault
+from dem_bridge.judging.diagnosis import (
+    PRIORITY,
+    Diagnosis,
+    Fault,
+    alternative,
+    as_good,
+    explained,
+    leaves,
+    needed_files,
+    stepping_of,
+    value,
+)
 from dem_bridge.judging.fitting import Fit, least
-from dem_bridge.judging.hypotheses import Hypothesis, Variant, global_hypotheses
+from dem_bridge.judging.hypotheses import Hypothesis, Variant, merged
 from dem_bridge.judging.kernels import System
-from dem_bridge.judging.naming import alternative, as_good, explained, leaves, needed_files, stepping_of, value
 from dem_bridge.judging.samples import half_steps
 from dem_bridge.judging.search import Candidate, Search
 
@@ -39,9 +49,6 @@ MOST_NAMES_CHANGED = 2
 CAUSES_LIKE_HALF_STEPS = ("start-position", "time-shift", "half-step-velocity", "first-order-integrator")
 #: standard deviations by which each parameter of a pair differs from that of the scene
 DEVIATIONS_FROM_SCENE = 5.0
-#: numbers of a system whose changes are multiplied; those of all others are added
-FACTORS = ("mass", "stiffness", "damping", "velocity")
-TERMS = ("free", "exponent", "gap", "damping_power", "pull_off", "drag")
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,44 +356,3 @@ def paired(base: System, first: Hypothesis, second: Hypothesis) -> Pair | None:
         keeps_step=True,
     )
     return Pair(first, second, together)
-
-
-def merged(base: System, first: Variant, second: Variant) -> Variant | None:
-    """Return the variant with the changes of both; None if both change what only one can."""
-    none = Variant(base)
-    for name in ("late", "lag", "order", "method"):
-        if all(getattr(item, name) != getattr(none, name) for item in (first, second)):
-            return None
-    a, b = first.system, second.system
-    for name in ("damping", "exponent"):
-        if all(np.any(getattr(system, name) != getattr(base, name)) for system in (a, b)):
-            return None
-    values: dict[str, Any] = {name: _product(*(getattr(s, name) for s in (a, b, base))) for name in FACTORS}
-    values |= {name: getattr(a, name) + getattr(b, name) - getattr(base, name) for name in TERMS}
-    values["clipped"] = a.clipped if a.clipped != base.clipped else b.clipped
-    values["pulls"] = a.pulls or b.pulls
-    offsets = [np.array(item.offset) for item in (first, second) if item.offset is not None]
-    own = first if first.method is not None else second
-    return Variant(
-        base.changed(**values),
-        shift=first.shift + second.shift,
-        scale=first.scale * second.scale,
-        late=first.late or second.late,
-        lag=first.lag or second.lag,
-        factors=(
-            first.factors[0] * second.factors[0],
-            first.factors[1] * second.factors[1],
-            first.factors[2] * second.factors[2],
-        ),
-        order=first.order if first.order is not None else second.order,
-        flipped=(*first.flipped, *second.flipped),
-        offset=tuple(np.sum(offsets, axis=0).tolist()) if offsets else None,
-        method=own.method,
-        dt=own.dt,
-    )
-
-
-def _product(first: Floats, second: Floats, base: Floats) -> Floats:
-    """Return the base with both factors on it, and the sum of both where it is 0."""
-    with np.errstate(all="ignore"):
-        return np.where(base != 0.0, first * (second / base), first + second)

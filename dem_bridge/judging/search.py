@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.judging.chain_hypotheses import common_factor, global_hypotheses
 from dem_bridge.judging.decision import Decision
 from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, TOLERANCE_OF_SEARCH, Data, Fit, Fitter, least
-from dem_bridge.judging.hypotheses import LOG_STARTS, Changes, Hypothesis, Variant, common_factor, global_hypotheses
+from dem_bridge.judging.hypotheses import LOG_STARTS, Changes, Hypothesis, Variant
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.samples import half_steps, sample_hypotheses
 from dem_bridge.scene.scene import Scene

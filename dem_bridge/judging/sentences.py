@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping
 
 from dem_bridge.foundation.notebook import quantity as amount
 from dem_bridge.foundation.words import share
-from dem_bridge.judging.error import FileErrors, QuantityErrors
+from dem_bridge.judging.diagnosis import RIGHT
 from dem_bridge.judging.judgement import EXPLAINED, Judgement
-from dem_bridge.judging.naming import RIGHT
-from dem_bridge.judging.step import ACCURACIES, accuracy_key
+from dem_bridge.judging.reference import FileErrors, QuantityErrors
+from dem_bridge.observables.step_error import ACCURACIES, accuracy_key, with_sources
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.texts import Texts
 
@@ -189,9 +189,10 @@ def _alternatives(judgement: Judgement, every: bool) -> str:
 
 def _step(judgement: Judgement) -> str:
     """Return the error that the time step makes, and the largest steps for some accuracies."""
-    dt, error, largest = (judgement.step[key] for key in ("dt", "error", "largest_for"))
-    served = [(share(a), largest[accuracy_key(a)]) for a in ACCURACIES if largest[accuracy_key(a)] is not None]
-    accuracies, steps = [words for words, _ in served], [amount(step, "s", 2) for _, step in served]
+    dt, error = (judgement.step[key] for key in ("dt", "error"))
+    curve = judgement.step_curve
+    served = [(share(a), step) for a in ACCURACIES if curve is not None and (step := curve.largest_step(a)) is not None]
+    steps = [(TEXTS("largest", step=_seconds(step.dt), accuracy=words), step) for words, step in served]
     name = next(iter(judgement.worst)).replace("_", " ")
     texts = []
     if dt is not None:
@@ -200,17 +201,13 @@ def _step(judgement: Judgement) -> str:
         relative = "" if error is None else share(error)
         texts.append(TEXTS(words, dt=amount(dt, "s"), found=found, relative=relative, quantity=name))
     if steps:
-        texts.append(TEXTS("steps", accuracies=_and(accuracies), steps=_and(steps)))
+        texts.append(TEXTS("steps", steps=with_sources(steps, _seconds)))
     return "; ".join(texts)
 
 
-def _and(words: list[str]) -> str:
-    """Return words in a row.
-
-    >>> _and(["1", "2", "3"]), _and(["1"])
-    ('1, 2 and 3', '1')
-    """
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+def _seconds(step: float) -> str:
+    """Return a step with two digits and its unit."""
+    return amount(step, "s", 2)
 
 
 def _divergence(judgement: Judgement) -> str:

@@ -12,9 +12,9 @@ import numpy as np
 from dem_bridge.backends.base import versions_of
 from dem_bridge.backends.reference import SERIES
 from dem_bridge.foundation.words import share
-from dem_bridge.judging.admission import every_nth
-from dem_bridge.judging.error import FileErrors, QuantityErrors
 from dem_bridge.judging.judgement import Judgement
+from dem_bridge.judging.records import every_nth
+from dem_bridge.judging.reference import FileErrors, QuantityErrors
 from dem_bridge.judging.sentences import TEXTS, file_name, lines, two_digits
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.columns import SECOND, Column

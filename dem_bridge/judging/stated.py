@@ -16,7 +16,8 @@ import numpy as np
 
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.formats.readers.record import Record
-from dem_bridge.judging.hypotheses import Variant, stiffness_patterns, uniform_name
+from dem_bridge.judging.chain_hypotheses import stiffness_patterns, uniform_name
+from dem_bridge.judging.hypotheses import Variant
 from dem_bridge.judging.model import system_of
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Floats
@@ -25,6 +26,10 @@ from dem_bridge.trajectory.trajectory import Floats
 LARGEST_DIFFERENCE_OF_FACTORS = 1e-6
 #: roundings of a file by which its first sample differs from the scene's start
 ROUNDINGS_FROM_START = 3.0
+#: fields of a scene that are compared with those of the deck, with the relative difference that counts as round-off
+_FIELDS = ("mass", "stiffness", "exponent", "gap", "velocity", "wall_left", "wall_right", "gravity", "precompression",
+           "damping", "adhesion", "drag", "drive")  # fmt: skip
+_ROUNDOFF_OF_FIELDS = 1e-12
 Numbers = Sequence[float] | float | Floats
 
 
@@ -64,6 +69,29 @@ def variant_of(scene: Scene, stated: Iterable[Statement]) -> Variant | None:
         return Variant(system)
     places = np.concatenate([[0.0], start, [0.0]])
     return Variant(system.changed(gap=system.gap + np.diff(places)), offset=tuple(start))
+
+
+def differences(scene: Scene, other: Scene) -> dict[str, str]:
+    """Return how each field in which two scenes differ differs, in words."""
+    words = {name: _difference(of_any_contact(scene, name), of_any_contact(other, name)) for name in _FIELDS}
+    return {name: text for name, text in words.items() if text}
+
+
+def _difference(ours: object, theirs: object) -> str:
+    """Return how two values of a scene differ, in words; '' if they agree to round-off."""
+    if isinstance(ours, tuple | float) and isinstance(theirs, tuple | float):
+        first, second = np.atleast_1d(ours).astype(float), np.atleast_1d(theirs).astype(float)
+        if len(first) != len(second):
+            return f"{len(second)} numbers; the scene has {len(first)}"
+        gap = np.abs(first - second)
+        if np.max(gap, initial=0.0) <= _ROUNDOFF_OF_FIELDS * np.max(np.abs([first, second]), initial=0.0):
+            return ""
+        place = int(np.argmax(gap))
+        where = f" at {place}" if len(first) > 1 else ""
+        return f"{second[place]:.9g}{where}; the scene has {first[place]:.9g}"
+    if ours == theirs:
+        return ""
+    return f"{_brief(theirs)}; the scene has {_brief(ours)}"
 
 
 def of_any_contact(scene: Scene, name: str) -> Any:
@@ -210,11 +238,12 @@ def _of_others(scene: Scene, stated: Mapping[str, Any]) -> Iterator[Statement]:
 
 
 def _brief(value: object) -> str:
-    """Return a value of a field in a few words."""
+    """Return a value of a field, or a part of a scene, in a few words."""
+    if value is None:
+        return "none"
     if isinstance(value, tuple):
         return f"{min(value):.9g} to {max(value):.9g}" if len(set(value)) > 1 else f"{value[0]:.9g}"
     if isinstance(value, int | float):
         return f"{value:.9g}"
-    return (
-        "none" if value is None else ", ".join(f"{key} {item}" for key, item in vars(value).items() if item is not None)
-    )
+    fields = {key: item for key, item in vars(value).items() if item is not None}
+    return ", ".join(f"{key} {item[0] if isinstance(item, tuple) else item}" for key, item in fields.items())

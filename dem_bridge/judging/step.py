@@ -1,4 +1,4 @@
-"""The error of a time step and the largest step for an accuracy, by runs of the method of a code on the scene.
+"""Errors of a time step by runs of the method of a code, the largest step for an accuracy, and the largest stable one.
 
 Errors are the largest differences from the exact motion, relative to the largest value; :func:`predict_step_error`
 answers for a scene, :func:`step_error` for a file whose method a fit has found.
@@ -7,104 +7,30 @@ answers for a scene, :func:`step_error` for a file whose method a fit has found.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dem_bridge.errors import UnsupportedScene
 from dem_bridge.judging import kernels
-from dem_bridge.judging.decision import Decision
+from dem_bridge.judging.decision import METHODS_OF_RIGHT_CODES, Decision
+from dem_bridge.judging.diagnosis import Diagnosis
 from dem_bridge.judging.fitting import MOST_STEPS_OF_METHOD, TOLERANCE_OF_DECISION, Fit, Stepping
-from dem_bridge.judging.model import Model, resolving_step
+from dem_bridge.judging.model import Model, Motion, resolving_step
+from dem_bridge.judging.reference import FileErrors
+from dem_bridge.observables.modes import highest_mode
+from dem_bridge.observables.step_error import ACCURACIES, StepError, measure_steps
 from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Floats
 
-Floats = NDArray[np.float64]
-
-#: relative errors for which the largest step is told
-ACCURACIES = (1e-2, 1e-3, 1e-4)
-#: steps that are tried, each twice or half of the one before, and the error above which a step resolves nothing
-MOST_DOUBLINGS_OF_STEP, LEAST_UNRESOLVED_ERROR = 16, 0.3
-#: part of a step at which the error was too large that is tried next, and how often
-SHARE_OF_COARSE_STEP, MOST_TRIALS_OF_STEP = 0.95, 12
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepError:
-    """Errors of the first quantity of a file by its time step, relative to the largest value.
-
-    Parameters
-    ----------
-    dt : float, optional
-        Time step of the file, s; None if it is unknown, so that the curve is that of any step.
-    stated : bool
-        False if the step was found from the errors.
-    curve : tuple of (float, float)
-        Steps, s, and the errors of the method at these steps, fine to coarse.
-    """
-
-    dt: float | None
-    stated: bool
-    curve: tuple[tuple[float, float], ...]
-    largest: Mapping[float, float] = field(default_factory=dict)
-    """Largest step, s, for each of some accuracies: runs with these steps are within them."""
-
-    @property
-    def error(self) -> float:
-        """Error at the time step of the file; nan if the step is unknown."""
-        return dict(self.curve).get(self.dt, math.nan) if self.dt is not None else math.nan
-
-    def largest_for(self, error: float) -> float:
-        """Return the largest step, s, for an error; nan if it cannot be told.
-
-        If none was tried, it follows from the power of the step that the errors at the two nearest steps show.
-
-        Examples
-        --------
-        >>> step = StepError(dt=2e-6, stated=True, curve=((1e-6, 1e-3), (2e-6, 4e-3), (4e-6, 1.6e-2)))
-        >>> f"{step.largest_for(1e-3):.3g}", f"{step.largest_for(1e-5):.3g}"
-        ('1e-06', '1e-07')
-        """
-        if error in self.largest:
-            return self.largest[error]
-        if len(self.curve) < 2:
-            return math.nan
-        over = next((place for place, (_, size) in enumerate(self.curve) if size > error), len(self.curve))
-        steps, errors = (np.log(np.array(part)) for part in zip(*self.curve, strict=True))
-        place = int(np.clip(over, 1, len(steps) - 1))
-        order = (errors[place] - errors[place - 1]) / (steps[place] - steps[place - 1])
-        if not order > 0.0:
-            return math.nan
-        return math.exp(float(steps[place - 1] + (math.log(error) - errors[place - 1]) / order))
-
-    def as_json(self, accuracies: Iterable[float] = ACCURACIES) -> dict[str, object]:
-        """Return step, s, its error and the largest step for each accuracy; None in place of nan.
-
-        Examples
-        --------
-        >>> step = StepError(dt=2e-6, stated=True, curve=((1e-6, 1e-3), (2e-6, 4e-3)), largest={1e-3: 1e-6})
-        >>> step.as_json([1e-3])
-        {'dt': 2e-06, 'error': 0.004, 'largest_for': {'1e-3': 1e-06}}
-        """
-        largest = {accuracy_key(accuracy): _known(self.largest_for(accuracy)) for accuracy in accuracies}
-        return {"dt": self.dt, "error": _known(self.error), "largest_for": largest}
-
-
-def accuracy_key(accuracy: float) -> str:
-    """Return an accuracy as the key of an answer.
-
-    Examples
-    --------
-    >>> accuracy_key(1e-2), accuracy_key(2.5e-05)
-    ('1e-2', '2.5e-5')
-    """
-    digits, power = f"{accuracy:.15e}".split("e")
-    return f"{float(digits):g}e{int(power)}"
-
-
-def _known(value: float) -> float | None:
-    """Return a number, or None in place of one that is not finite."""
-    return value if math.isfinite(value) else None
+#: kinetic energy, relative to the largest of the reference, above which a run is unstable
+_LARGEST_ENERGY_GAIN = 2.0
+#: part of a step that is tried next, how many steps are tried, and how many in a row must be stable
+_RATIO_OF_STEPS_TRIED, _MOST_STEPS_TRIED, _STABLE_IN_A_ROW = 0.95, 12, 2
+#: samples times bodies of a run that are looked at, at most
+_MOST_VALUES_KEPT = 1_000_000
 
 
 def predict_step_error(
@@ -163,13 +89,14 @@ def predict_step_error(
         return error if math.isfinite(error) else math.inf
 
     known = {} if dt is None else {dt: error_at(dt)}
-    return _curve(
+    return measure_steps(
         error_at,
         known or {resolving_step(model, end, MOST_STEPS_OF_METHOD): math.nan},
-        dt,
         accuracies,
-        end=end,
-        stated=True,
+        shortest=end / MOST_STEPS_OF_METHOD,
+        longest=end,
+        dt=dt,
+        stated=stated,
     )
 
 
@@ -189,62 +116,127 @@ def step_error(decision: Decision, fit: Fit, accuracies: Iterable[float] = ACCUR
         error = data.largest(stepped, decision.exact)[0] / data.blocks[0].scale
         return error if math.isfinite(error) else math.inf
 
-    return _curve(error_at, known, dt, accuracies, end=float(data.time[-1]), stated=data.dt is not None)
-
-
-def _curve(
-    error_at: Callable[[float], float],
-    known: Mapping[float, float],
-    dt: float | None,
-    accuracies: Iterable[float],
-    *,
-    end: float,
-    stated: bool,
-) -> StepError:
-    """Return the errors of steps around a known one: doubled and halved over all accuracies, and close below each."""
-    accuracies = sorted(accuracies)
-    errors = {step: error_at(step) if math.isnan(error) else error for step, error in known.items()}
-    (start,) = errors
-    for factor in (2.0, 0.5) if accuracies else ():
-        step = start
-        for _ in range(MOST_DOUBLINGS_OF_STEP):
-            enough = errors[step] > accuracies[-1] if factor > 1.0 else errors[step] < accuracies[0]
-            if enough or not errors[step] > 0.0 or end / (factor * step) > MOST_STEPS_OF_METHOD:
-                break
-            step *= factor
-            errors[step] = error_at(step)
-    tried = {accuracy: _approach(error_at, errors, accuracy, end) for accuracy in accuracies}
-    return StepError(
+    end = float(data.time[-1])
+    return measure_steps(
+        error_at,
+        known,
+        accuracies,
+        shortest=end / MOST_STEPS_OF_METHOD,
+        longest=end,
         dt=dt,
-        stated=stated,
-        curve=tuple(pair for pair in sorted(errors.items()) if 0.0 < pair[1] < LEAST_UNRESOLVED_ERROR or pair[0] == dt),
-        largest={accuracy: step for accuracy, step in tried.items() if math.isfinite(step)},
+        stated=data.dt is not None,
     )
 
 
-def _approach(error_at: Callable[[float], float], errors: dict[float, float], accuracy: float, end: float) -> float:
-    """Return a step of two digits close below the one that the errors suggest, with which a run is within an accuracy.
+def step_curve(
+    scene: Scene, diagnosis: Diagnosis, file: FileErrors, name: str, accuracies: Sequence[float]
+) -> StepError | None:
+    """Return the errors of a quantity by the time step: by the method that a fit has found, or by Verlet."""
+    if diagnosis.step is not None and diagnosis.cause == "none":
+        return diagnosis.step
+    method, dt = diagnosis.stepping or (kernels.VERLET, file.record.dt)
+    times = file.record.time if file.record.time[0] == 0.0 else np.append(0.0, file.record.time)
+    return predict_step_error(
+        scene, dt, accuracies=accuracies, times=times, method=method, quantity=name,
+        stated=file.record.dt is not None,
+    )  # fmt: skip
 
-    The errors of the steps that are tried are added; nan: there is none, or a run would be too long.
+
+def errors_by_step(scene: Scene, diagnosis: Diagnosis, file: FileErrors) -> dict[str, Floats] | None:
+    """Return the errors of the code's method and step in the scene at the samples of a wrong file, if both are known.
+
+    Of the methods that a right code may have, the one counts with which the file agrees longest.
     """
-    curve = tuple(pair for pair in sorted(errors.items()) if 0.0 < pair[1] < LEAST_UNRESOLVED_ERROR)
-    step = StepError(dt=None, stated=True, curve=curve).largest_for(accuracy)
-    for _ in range(MOST_TRIALS_OF_STEP):
-        if not end / MOST_STEPS_OF_METHOD <= step <= end:
+    dt = file.record.dt
+    if diagnosis.cause == "none" or scene.law is not None:
+        return None
+    known = diagnosis.stepping
+    steppings = (
+        [known] if known is not None else [Stepping(method, dt) for method in METHODS_OF_RIGHT_CODES if dt is not None]
+    )
+    unexplained = file.first_divergence(scene)
+    if unexplained is None or not steppings:
+        return None
+    model, time = Model(scene), np.maximum(file.record.time, 0.0)
+    exact = _quantities(scene, model.exact(model.system, time, TOLERANCE_OF_DECISION))
+    best: tuple[float, dict[str, Floats]] | None = None
+    for method, step in steppings:
+        if time[-1] / step > MOST_STEPS_OF_METHOD:
+            continue
+        with np.errstate(all="ignore"):
+            stepped = _quantities(scene, model.stepped_at(model.system, time, step, method))
+        by_step = {name: (stepped[name] - exact[name])[:, list(part.columns)] for name, part in file.quantities.items()}
+        first = file.first_divergence(scene, by_step)
+        when = math.inf if first is None else float(first["time"])
+        if best is None or when > best[0]:
+            best = when, by_step
+        if when > float(unexplained["time"]):
             break
-        step = _two_digits_below(step)
-        errors[step] = error_at(step)
-        if errors[step] <= accuracy:
-            return step
-        step *= SHARE_OF_COARSE_STEP
-    return math.nan
+    return None if best is None else best[1]
 
 
-def _two_digits_below(step: float) -> float:
-    """Return the largest number of two digits that is not above a step.
+def observed_curve(files: Sequence[FileErrors], name: str) -> StepError | None:
+    """Return the largest errors of right files against their steps; None unless they fall with the step."""
+    having = [file for file in files if name in file.quantities and file.record.dt is not None]
+    curve = sorted((float(f.record.dt or 0.0), f.quantities[name].relative(f.quantities[name].value)) for f in having)
+    falling = len(curve) > 1 and all(0.0 < fine[1] < coarse[1] for fine, coarse in pairwise(curve))
+    return StepError(dt=curve[0][0], stated=True, curve=tuple(curve)) if falling else None
 
-    >>> _two_digits_below(3.59e-7), _two_digits_below(1e-7)
-    (3.5e-07, 1e-07)
+
+def _quantities(scene: Scene, motion: Motion) -> dict[str, Floats]:
+    """Return the quantities of a file, of which forces are in the order of the contacts."""
+    contacts = scene.contacts
+    places = np.where(contacts.left == scene.n_body, 0, contacts.left + 1)
+    return {"velocity": motion.velocity, "displacement": motion.displacement, "contact_force": motion.force[:, places]}
+
+
+def stability_limit(scene: Scene, displacement: Floats, velocity: Floats, end: float, frequency: float) -> float:
+    """Return the largest time step, s, that is stable on a chain; nan if no contact closes.
+
+    On a linear chain velocity Verlet is stable up to 2/omega of its highest mode, in which a body between two contacts
+    has the stiffness of both. A chain of contacts that open and close may be unstable at steps that are a little
+    shorter: from this limit on, steps are tried on our code until the kinetic energy does not grow.
+
+    Parameters
+    ----------
+    scene : Scene
+        The chain.
+    displacement, velocity : ndarray
+        Samples of the reference, m and m/s, ``(n_t, n_body)``, at which contacts are pressed the most.
+    end : float
+        Time, s, after which no force acts.
+    frequency : float
+        Highest frequency of a contact alone, or rate of a damping, rad/s.
+
+    Examples
+    --------
+    >>> scene = Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+    >>> still = np.zeros((1, 2))
+    >>> f"{stability_limit(scene, still, still + 0.8, 1e-4, 1e5):.2g} s"
+    '2e-05 s'
     """
-    power = math.floor(math.log10(step)) - 1
-    return float(f"{math.floor(step * 10.0**-power * (1.0 + 1e-12))}e{power}")
+    with suppress(UnsupportedScene):  # the frequency of the contacts alone is known
+        frequency = max(frequency, highest_mode(scene, displacement))
+    if not frequency > 0.0:
+        return math.nan
+    step = 2.0 / frequency
+    if scene.law is not None:
+        return step
+    model, energy = Model(scene), float(np.max(velocity**2 @ np.array(scene.mass)))
+    stable: list[float] = []
+    for _ in range(_MOST_STEPS_TRIED):
+        stable = [*stable, step] if _is_stable(model, step, end, _LARGEST_ENERGY_GAIN * energy) else []
+        if len(stable) == _STABLE_IN_A_ROW:
+            break
+        step *= _RATIO_OF_STEPS_TRIED
+    return stable[0] if stable else step
+
+
+def _is_stable(model: Model, step: float, end: float, most: float) -> bool:
+    """Return True if the kinetic energy of all bodies, times two, stays below ``most`` (J)."""
+    count = max(1, math.ceil(end / step))
+    mass = np.array(model.scene.mass)
+    rows = np.unique(np.linspace(0, count, min(count, max(2, _MOST_VALUES_KEPT // len(mass))) + 1).astype(np.int64))
+    with np.errstate(all="ignore"):
+        energy = model.stepped(model.system, rows, step).velocity ** 2 @ mass
+    return bool(np.all(energy <= most))

@@ -16,20 +16,15 @@ from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.backends.steps import order_on
 from dem_bridge.foundation.words import share
 from dem_bridge.lmp.known_defects import known_defects
+from dem_bridge.observables.step_error import ACCURACIES, LargestStep, StepError, with_sources
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.texts import Texts
-from dem_bridge.verification.assess import Refinement, SceneStudy
+from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.checks import INDEPENDENT
 from dem_bridge.verification.reference import REFERENCE
 
 TEXTS = Texts("banner", "dem_bridge.verification")
-#: accuracies for which the step is said, the finest last
-ACCURACIES = (1e-2, 1e-3, 1e-4)
-#: largest factor by which a step may be coarser than the coarsest one that was run, so that it is said without "about"
-_LARGEST_FACTOR_WITHOUT_ABOUT = 1.5
-#: largest factor by which a step may differ from all that were run to be said at all
-_LARGEST_FACTOR_OF_STEP = 64.0
 #: outcomes of checks that can pass or fail, the worst first
 _JUDGED = (Outcome.BROKEN, Outcome.FAIL, Outcome.UNDECIDED, Outcome.PASS)
 #: part of a budget -> cause of the failures that it explains
@@ -114,9 +109,13 @@ def _sentences(study: SceneStudy, judged: Sequence[Verdict], outcome: Outcome) -
             yield TEXTS("cause", cause=TEXTS(cause, "names"))
         # no step mends a wrong law
         tried = () if cause == "implementation" else ACCURACIES
-        steps = [(a, step) for a in tried if (step := largest_step(study, a)) is not None]
+        steps = [
+            (TEXTS("step", accuracy=share(a), step=_seconds(step.dt)), step)
+            for a in tried
+            if (step := largest_step(study, a)) is not None
+        ]
         if steps:
-            yield TEXTS("steps", steps=", ".join(TEXTS("step", accuracy=share(a), step=words) for a, words in steps))
+            yield TEXTS("steps", steps=with_sources(steps, _seconds))
     elif not judged:
         yield TEXTS("nothing", outcome=outcome.value)
     else:
@@ -141,36 +140,27 @@ def _cause_of_error(budget: Budget) -> str:
     return cause if known[cause] > 0.0 else ""
 
 
-def largest_step(study: SceneStudy, accuracy: float) -> str | None:
-    """Return the largest time step of LAMMPS with which velocities err by ``accuracy`` at most, as text with its unit.
+def largest_step(study: SceneStudy, accuracy: float) -> LargestStep | None:
+    """Return the largest time step of LAMMPS with which velocities err by ``accuracy`` at most; None if unknown.
 
-    It lies between two steps that were run, or follows from the order of the algorithm and is then "about" so large;
-    None if the steps that were run are too far from it.
+    It is measured, or lies between two steps that were run, or follows from the order of the algorithm.
     """
     refinement = study.refinement.get(study.engine)
-    step = None if refinement is None else _interpolated(refinement, order_on(study.scene), accuracy)
-    if step is None:
+    if refinement is None:
         return None
-    dt, measured = step
-    power = 10.0 ** (math.floor(math.log10(dt)) - 1)
-    rounded = math.floor(dt / power + 1e-9) * power
-    return f"{'' if measured else 'about '}{rounded:.1e} s".replace("e-0", "e-")
+    errors = StepError(curve=tuple(zip(*refinement, strict=True)))
+    return errors.largest_step(accuracy, order=order_on(study.scene))
 
 
-def _interpolated(refinement: Refinement, order: int, accuracy: float) -> tuple[float, bool] | None:
-    """Return the step for an accuracy, and whether steps near it were run."""
-    levels = [(dt, error) for dt, error in zip(*refinement, strict=True) if 0.0 < error < math.inf]
-    if not levels:
-        return None
-    for (coarse, large), (fine, small) in itertools.pairwise(levels):
-        if small <= accuracy < large:
-            share = math.log(accuracy / small) / math.log(large / small)
-            return fine * (coarse / fine) ** share, True
-    dt, error = levels[0] if levels[0][1] <= accuracy else levels[-1]
-    step = dt * (accuracy / error) ** (1.0 / order)
-    if not 1.0 / _LARGEST_FACTOR_OF_STEP <= step / dt <= _LARGEST_FACTOR_OF_STEP:
-        return None
-    return step, 1.0 / _LARGEST_FACTOR_WITHOUT_ABOUT <= step / dt <= _LARGEST_FACTOR_WITHOUT_ABOUT
+def _seconds(step: float) -> str:
+    """Return a step with its unit.
+
+    Examples
+    --------
+    >>> _seconds(1e-8), _seconds(2.8e-8)
+    ('1.0e-8 s', '2.8e-8 s')
+    """
+    return f"{step:.1e} s".replace("e-0", "e-")
 
 
 def _groups(study: SceneStudy, judged: Sequence[Verdict], accuracy: float) -> Iterator[Group]:
@@ -216,7 +206,7 @@ def _reason(study: SceneStudy, id: str, name: str, verdicts: Sequence[Verdict], 
     write = ""
     if id == "step":
         step = largest_step(study, accuracy)
-        write = "" if step is None else TEXTS("write_step", step=step.removeprefix("about ").removesuffix(" s"))
+        write = "" if step is None else TEXTS("write_step", step=_seconds(step.dt).removesuffix(" s"))
     if id == "defect":
         defects = [defect for defect in known_defects() if defect.name in name.split(", ")]
         values["name"] = "; ".join(f"{d.name}: {d.symptom} ({d.size})" for d in defects)

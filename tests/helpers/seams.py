@@ -15,10 +15,10 @@ class Seam(StrEnum):
     """Names of seams; the value is the address of what a test replaces."""
 
     # judging: the steps from records to a judgement
-    FILE_ERRORS = "dem_bridge.judging.judgement.file_errors"
-    DIAGNOSE = "dem_bridge.judging.judgement.diagnose"
-    CONVERGENCE = "dem_bridge.judging.judgement.convergence"
-    MOST_VALUES = "dem_bridge.judging.admission.MOST_VALUES_OF_QUANTITY"
+    FILE_ERRORS = "dem_bridge.judging.records.file_errors"
+    DIAGNOSE = "dem_bridge.judging.records.diagnose"
+    CONVERGENCE = "dem_bridge.judging.records.convergence"
+    MOST_VALUES = "dem_bridge.judging.records.MOST_VALUES_OF_QUANTITY"
     # judging: the steps from a file to its cause
     SEARCH = "dem_bridge.judging.cause.Search"
     NAME_CAUSE = "dem_bridge.judging.cause.name_cause"

@@ -15,9 +15,9 @@ from dem_bridge.formats.readers.record import Record
 from dem_bridge.judging.cause import diagnose
 from dem_bridge.judging.diagnosis import CAUSES, PRIORITY
 from dem_bridge.judging.fitting import Stepping
-from dem_bridge.judging.judgement import judge_records
 from dem_bridge.judging.kernels import RK4, VERLET
 from dem_bridge.judging.model import Model, system_of
+from dem_bridge.judging.records import judge_records
 from dem_bridge.judging.samples import half_steps
 from dem_bridge.judging.search import Search
 from dem_bridge.scene.file import parse_scene

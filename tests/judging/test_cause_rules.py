@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from dem_bridge.judging import cause
-from dem_bridge.judging.diagnosis import Diagnosis
+from dem_bridge.judging.diagnosis import Diagnosis, name_cause
 from dem_bridge.judging.fitting import Block, Fit
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
-from dem_bridge.judging.naming import name_cause
-from dem_bridge.judging.single import on_single_grid
+from dem_bridge.judging.without_fits import on_single_grid
 from dem_bridge.trajectory.trajectory import Floats
 from tests.helpers.judged_records import CHAIN
 from tests.helpers.seams import Seam, plant

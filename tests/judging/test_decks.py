@@ -17,9 +17,9 @@ import pytest
 from dem_bridge.errors import RunBroken, UsageError, one_line
 from dem_bridge.formats.readers import Record
 from dem_bridge.judging import beside, deck, foreign
-from dem_bridge.judging.error import QuantityErrors
 from dem_bridge.judging.judgement import Addition, Judgement
 from dem_bridge.judging.limits import Limit
+from dem_bridge.judging.reference import QuantityErrors
 from dem_bridge.lmp.reader.script import Command
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from tests.helpers.seams import Seam, plant

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from dem_bridge.formats.readers import Record
+from dem_bridge.judging.chain_hypotheses import global_hypotheses
 from dem_bridge.judging.decision import Decision
 from dem_bridge.judging.fitting import MOST_STEPS_OF_METHOD, Data, Fit, Fitter, Stepping, least
-from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, global_hypotheses
+from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant
 from dem_bridge.judging.kernels import KICK_EULER, RK4, VERLET, System
 from dem_bridge.judging.model import Model, system_of
 from dem_bridge.judging.samples import half_steps, sample_hypotheses

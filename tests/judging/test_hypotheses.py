@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from dem_bridge.judging import kernels
-from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant, global_hypotheses
+from dem_bridge.judging.chain_hypotheses import global_hypotheses
+from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant
 from dem_bridge.judging.model import Model, system_of
 from dem_bridge.judging.samples import MOST_BODIES_TO_ORDER, POWERS_OF_UNITS, half_steps, sample_hypotheses
 from dem_bridge.scene.file import parse_scene

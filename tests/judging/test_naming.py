@@ -12,14 +12,12 @@ import pytest
 
 from dem_bridge.errors import UsageError
 from dem_bridge.judging import deck, single
-from dem_bridge.judging.diagnosis import Diagnosis
-from dem_bridge.judging.error import QuantityErrors
+from dem_bridge.judging.diagnosis import Diagnosis, name_cause
 from dem_bridge.judging.fitting import Block, Fit
 from dem_bridge.judging.foreign import Command as ForeignCommand
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
 from dem_bridge.judging.model import Model
-from dem_bridge.judging.naming import name_cause
-from dem_bridge.judging.reference import reference_at
+from dem_bridge.judging.reference import QuantityErrors, reference_at
 from dem_bridge.lmp.reader.script import Command
 from dem_bridge.scene.scene import Scene
 

@@ -9,8 +9,8 @@ import pytest
 
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import Record
-from dem_bridge.judging.error import file_errors
 from dem_bridge.judging.order import Convergence, convergence
+from dem_bridge.judging.reference import file_errors
 from dem_bridge.scene.scene import Scene
 from tests.helpers.judged_records import CHAIN, record
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.judging.error import QuantityErrors
 from dem_bridge.judging.order import Convergence, Order, convergence
+from dem_bridge.judging.reference import QuantityErrors
 from dem_bridge.trajectory.trajectory import Floats
 
 NAN = math.nan

@@ -13,11 +13,11 @@ import pytest
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import Record
 from dem_bridge.judging import sentences
-from dem_bridge.judging.admission import every_nth
 from dem_bridge.judging.diagnosis import Diagnosis
-from dem_bridge.judging.error import FileErrors, QuantityErrors
-from dem_bridge.judging.judgement import Addition, Judgement, judge_records
+from dem_bridge.judging.judgement import Addition, Judgement
 from dem_bridge.judging.order import Convergence, Order
+from dem_bridge.judging.records import every_nth, judge_records
+from dem_bridge.judging.reference import FileErrors, QuantityErrors
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Adhesion, Scene, Wall
 from tests.helpers.judged_records import CHAIN, record

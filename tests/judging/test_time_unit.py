@@ -9,7 +9,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.formats.readers.record import Record
-from dem_bridge.judging.judgement import judge_records
+from dem_bridge.judging.records import judge_records
 from dem_bridge.scene.scene import Scene, Wall
 
 BOX = Scene(

@@ -12,7 +12,7 @@ from dem_bridge.judging.check.edits import Edit
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer
 from dem_bridge.judging.check.plausible import Plausibility
 from dem_bridge.judging.check.step import StepAnswer
-from dem_bridge.judging.keyed import KeyedAnswer
+from dem_bridge.judging.judgement import KeyedAnswer
 from dem_bridge.observables.verdict import Outcome, exit_code, plain
 
 if TYPE_CHECKING:

@@ -11,15 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, RunBroken, UnsupportedScene, UsageError
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.words import number, share
 from dem_bridge.judging.check.answer import Check, Pictures
 from dem_bridge.judging.check.edits import Edit, applied
 from dem_bridge.judging.check.laboratory import Laboratory, Progress
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer, engine_of, law_by_steps, law_of
 from dem_bridge.judging.check.plausible import plausibility_of
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
-from dem_bridge.judging.check.subject import Subject, subject_of
-from dem_bridge.judging.check.words import number
+from dem_bridge.judging.check.subject import Subject, short_problem, subject_of, why_unread
 from dem_bridge.judging.deck import user_deck
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_of
@@ -90,7 +89,7 @@ def finding_of(lab: Laboratory, accuracy: float) -> Finding:
     deck = lab.subject.deck
     nothing = StepAnswer(dt=deck.dt, accuracy=accuracy, why="LAMMPS made no run")
     if deck.state.run is None and lab.scene is None:
-        law = LawAnswer(outcome=Outcome.UNDECIDED, sentence=f"{_why_unread(lab.subject)}.")
+        law = LawAnswer(outcome=Outcome.UNDECIDED, sentence=f"{why_unread(lab.subject)}.")
         return Finding(law=law, step=nothing, version=_version(lab))
     factor = 1
     try:
@@ -102,7 +101,7 @@ def finding_of(lab: Laboratory, accuracy: float) -> Finding:
             return Finding(law=_broken(lab, str(error), lost.tried), step=broken, version=_version(lab))
         factor, run = lost.factor, lab.lammps(lost.factor)
     if lab.scene is None:
-        law = LawAnswer(outcome=Outcome.UNDECIDED, sentence=f"{_why_unread(lab.subject)}.")
+        law = LawAnswer(outcome=Outcome.UNDECIDED, sentence=f"{why_unread(lab.subject)}.")
         return Finding(law=law, step=_alone(lab, accuracy, run.finite, factor), version=run.version)
     try:
         _ = lab.reference
@@ -293,30 +292,6 @@ def _title(lab: Laboratory) -> str:
     many = f"{bodies} bodies" if bodies != 1 else "1 body"
     contacts = f", {scene.n_contact} contact{'s' * (scene.n_contact != 1)}" if scene is not None else ""
     return f"{lab.subject.name}: {many}{contacts}" if bodies else lab.subject.name
-
-
-def _why_unread(subject: Subject) -> str:
-    """Return in words why a script has no scene: the first line that is not supported, and how many more there are."""
-    problems = [short_problem(problem) for problem in subject.deck.problems]
-    problems.sort(key=lambda text: "`pair_" not in text)  # forces that are not known come first
-    if not problems:
-        return "the script has no run, and nothing moves at its start"
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    style = subject.deck.last("pair_style")
-    table = "forces come from a table, which is compared with no law: neither its values nor its interpolation; "
-    return f"{table if style is not None and 'table' in style.rest else ''}{problems[0]}{more}"
-
-
-def short_problem(problem: str) -> str:
-    """Return a problem of the reader with its line in front, without what is allowed.
-
-    Examples
-    --------
-    >>> short_problem("in.x, line 3: `fix 2 all pour` has the fix style pour, which is not supported; allowed: nve")
-    'line 3: `fix 2 all pour` has the fix style pour, which is not supported'
-    """
-    said = problem.partition("; allowed: ")[0]
-    return re.sub(r"^[^,:]*, (line \d+: )", r"\1", said)
 
 
 def _notes(lab: Laboratory, mended: bool) -> list[str]:

@@ -14,15 +14,23 @@ from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import DemBridgeError, RunBroken
 from dem_bridge.formats.readers import read_record
-from dem_bridge.judging.check.active import LARGEST_SPACING_OF_PERIOD, Spacing, changing, spacing_of
-from dem_bridge.judging.check.lammps_run import LammpsRun, along_chain, dumped, times_at
-from dem_bridge.judging.check.stability import stability_limit
+from dem_bridge.judging.check.lammps_run import (
+    LARGEST_SPACING_OF_PERIOD,
+    LammpsRun,
+    Spacing,
+    along_chain,
+    changing,
+    dumped,
+    spacing_of,
+    times_at,
+)
 from dem_bridge.judging.check.subject import Subject
 from dem_bridge.judging.deck import DeckRun, deck_run
 from dem_bridge.judging.reference import ReferenceSamples, reference_at
-from dem_bridge.judging.step import StepError, predict_step_error
+from dem_bridge.judging.step import predict_step_error, stability_limit
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import probe
+from dem_bridge.observables.step_error import StepError
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.planning.predict import Outlook
 from dem_bridge.scene.scene import Scene

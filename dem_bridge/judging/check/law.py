@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dem_bridge.errors import DemBridgeError, UsageError
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.words import number, release, share
 from dem_bridge.judging.check.laboratory import Laboratory
 from dem_bridge.judging.check.lammps_run import LammpsRun
-from dem_bridge.judging.check.words import number, release
 from dem_bridge.judging.deck import UserDeck
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.mixing import mixing_warning

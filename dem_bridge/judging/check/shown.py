@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.backends.base import versions_of
+from dem_bridge.foundation.words import release
 from dem_bridge.judging.check.answer import Check, Pictures
-from dem_bridge.judging.check.words import release
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.columns import SECOND, Column
 from dem_bridge.report.study import FigureData, Map, Series, Study, Table

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dem_bridge.errors import DemBridgeError
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.words import number, share
 from dem_bridge.judging.check.edits import tidy_factor
 from dem_bridge.judging.check.laboratory import Laboratory
-from dem_bridge.judging.check.words import number
-from dem_bridge.judging.step import StepError
+from dem_bridge.observables.step_error import LargestStep, StepError, with_sources
 from dem_bridge.observables.verdict import Outcome, judge
 
 #: part of the accuracy that a step by LAMMPS alone aims at; steps finer than one to write by these factors must serve,
@@ -44,8 +44,8 @@ class StepAnswer:
     uncertainty: float = math.nan
     scale: float = math.nan
     """Largest velocity, m/s, or in the units of the script where it has no scene."""
-    largest: dict[float, float] = field(default_factory=dict)
-    """Largest step, s, for an accuracy; nan where it is not known."""
+    steps: Mapping[float, LargestStep | None] = field(default_factory=dict)
+    """Largest step for an accuracy; None where it is not known."""
     factor: int = 1
     """How many times shorter the steps to write are; 0: no step serves."""
     confirmed: float = math.nan
@@ -66,6 +66,11 @@ class StepAnswer:
     def largest_for_accuracy(self) -> float:
         """Largest step, s, for the accuracy; nan where it is not known."""
         return self.largest.get(self.accuracy, math.nan)
+
+    @property
+    def largest(self) -> dict[float, float]:
+        """Largest step, s, for each accuracy; nan where it is not known."""
+        return {accuracy: math.nan if step is None else step.dt for accuracy, step in self.steps.items()}
 
     @property
     def step(self) -> str:
@@ -95,9 +100,16 @@ class StepAnswer:
         return f"{self.headline}, {share(self.accuracy)} allowed"
 
     def _others(self) -> str:
-        told = [f"{number(step)} {self.unit} gives {share(a)}" for a, step in self.largest.items() if step > 0.0]
+        told = [
+            (f"{self._words(step.dt)} gives {share(a)}", step) for a, step in self.steps.items() if step is not None
+        ]
+        steps = [with_sources(told, self._words)] if told else []
         limit = [f"unstable above {number(self.limit)} {self.unit}"] if self.limit > 0.0 else []
-        return ", ".join((*told, *limit))
+        return ", ".join((*steps, *limit))
+
+    def _words(self, step: float) -> str:
+        """Return a step with its unit."""
+        return f"{number(step)} {self.unit}"
 
 
 def step_of(lab: Laboratory, accuracy: float, *, law_is_right: bool, lost: bool) -> StepAnswer:
@@ -126,9 +138,7 @@ def step_of(lab: Laboratory, accuracy: float, *, law_is_right: bool, lost: bool)
         return replace(answer, outcome=Outcome.PASS if law_is_right else Outcome.UNDECIDED, why=why)
     # a step beyond the limit of stability, or longer than the run, is none
     most = min((value for value in (answer.limit, float(lab.times[-1])) if value > 0.0), default=math.inf)
-    answer = replace(
-        answer, largest={a: min(curve.largest_for(a), most) for a in (accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * accuracy)}
-    )
+    answer = replace(answer, steps=_largest_steps(curve, accuracy, most=most))
     outcome = Outcome.FAIL if lost else judge(now, answer.uncertainty, accuracy)
     if outcome is Outcome.UNDECIDED:
         asked = f"{share(accuracy)} is asked"
@@ -147,6 +157,14 @@ def step_of(lab: Laboratory, accuracy: float, *, law_is_right: bool, lost: bool)
     if factor == 0:
         why = f"no step was found that gives {share(accuracy)}"
     return replace(answer, outcome=Outcome.FAIL, factor=factor, confirmed=confirmed, why=why)
+
+
+def _largest_steps(
+    curve: StepError, accuracy: float, *, order: float | None = None, most: float = math.inf
+) -> dict[float, LargestStep | None]:
+    """Return the largest steps for the accuracy and for a part of it; None where they are not known."""
+    accuracies = (accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * accuracy)
+    return {a: curve.largest_step(a, order=order, most=most) for a in accuracies}
 
 
 def _missed(lab: Laboratory, answer: StepAnswer) -> str:
@@ -215,9 +233,13 @@ def step_by_lammps(lab: Laboratory, accuracy: float, base: int = 1) -> StepAnswe
         else replace(answer, error=coarse, uncertainty=fine)
     )
     order, error = answer.order, answer.error
-    largest = {a: (dt or math.nan) / base * (a / error) ** (1.0 / order) for a in answer.largest}
+    # a script with several steps has no largest one
+    errors = ((2.0, _of_difference(fine, order)), (1.0, error))
+    curve = StepError(curve=() if dt is None else tuple((dt / (part * base), size) for part, size in errors))
+    ordered = fine >= _LARGEST_ROUNDOFF and not answer.why
+    steps = _largest_steps(curve, accuracy, order=order) if ordered else {}
     outcome = Outcome.UNDECIDED if answer.why else judge(error, answer.uncertainty, accuracy)
-    answer = replace(answer, largest=largest, outcome=outcome)
+    answer = replace(answer, steps=steps, outcome=outcome)
     if base == 1 and outcome is Outcome.PASS and (missed := _missed(lab, answer)):
         return replace(answer, outcome=Outcome.UNDECIDED, why=missed)
     if base > 1:
@@ -248,8 +270,7 @@ def _by_order(answer: StepAnswer, coarse: float, fine: float) -> StepAnswer:
     order = min(max(math.log2(ratio), 0.5), 2.0)
     error = _of_difference(coarse, order)
     bound = abs(error - _of_difference(coarse, max(0.7 * order, 0.5))) + _LARGEST_ROUNDOFF
-    largest = dict.fromkeys((answer.accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * answer.accuracy), math.nan)
-    return replace(answer, error=error, uncertainty=bound, largest=largest, order=order)
+    return replace(answer, error=error, uncertainty=bound, order=order)
 
 
 def _of_difference(difference: float, order: float) -> float:

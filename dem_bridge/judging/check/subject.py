@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -198,3 +199,27 @@ def _default_step(scene: Scene) -> tuple[float, str]:
 def deck_files(scene: Scene, dt: float) -> Mapping[str, str]:
     """Return the files of the deck of a scene at a time step, s, by name; a coarse step has fewer samples."""
     return LammpsGranular(None).deck(scene, Resolution(dt=dt), Sampling(count=samples_of(scene, dt))).files
+
+
+def why_unread(subject: Subject) -> str:
+    """Return in words why a script has no scene: the first line that is not supported, and how many more there are."""
+    problems = [short_problem(problem) for problem in subject.deck.problems]
+    problems.sort(key=lambda text: "`pair_" not in text)  # forces that are not known come first
+    if not problems:
+        return "the script has no run, and nothing moves at its start"
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    style = subject.deck.last("pair_style")
+    table = "forces come from a table, which is compared with no law: neither its values nor its interpolation; "
+    return f"{table if style is not None and 'table' in style.rest else ''}{problems[0]}{more}"
+
+
+def short_problem(problem: str) -> str:
+    """Return a problem of the reader with its line in front, without what is allowed.
+
+    Examples
+    --------
+    >>> short_problem("in.x, line 3: `fix 2 all pour` has the fix style pour, which is not supported; allowed: nve")
+    'line 3: `fix 2 all pour` has the fix style pour, which is not supported'
+    """
+    said = problem.partition("; allowed: ")[0]
+    return re.sub(r"^[^,:]*, (line \d+: )", r"\1", said)

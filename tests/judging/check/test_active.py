@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.judging.check.active import changing, spacing_of
 from dem_bridge.judging.check.laboratory import Laboratory
+from dem_bridge.judging.check.lammps_run import changing, spacing_of
 from dem_bridge.judging.check.law import law_of
 from dem_bridge.judging.check.step import step_of
 from dem_bridge.judging.check.subject import Subject, subject_of

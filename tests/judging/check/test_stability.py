@@ -10,7 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import RunBroken
-from dem_bridge.judging.check.stability import stability_limit
+from dem_bridge.judging.step import stability_limit
 from dem_bridge.observables.modes import highest_frequencies
 from dem_bridge.scene.timescales import contact_time_of
 from tests.helpers.checked_decks import CONTACT, MASS, RADIUS, STIFFNESS

@@ -10,7 +10,7 @@ import dem_bridge as db
 from dem_bridge.formats.readers import read_record
 from dem_bridge.judging.check.answer import Check
 from dem_bridge.judging.deck import deck_run, user_deck
-from dem_bridge.judging.error import file_errors
+from dem_bridge.judging.reference import file_errors
 from tests.helpers.checked_decks import Variant, variants, written
 
 pytestmark = pytest.mark.lammps
