@@ -35,7 +35,7 @@ from dem_bridge.foundation.files import check_report_folder
 def check(file: str, as_json: bool = False, folder: Path | None = None, **settings: Any) -> None:
     """Check FILE, a LAMMPS input script or a scene.
 
-    Is the law right, is the time step right, and what to write. The answer has at most eight lines.
+    Is the law right, is the time step right, and what to write. The answer has at most eight entries.
 
     The exit code is 0 if all is right, 1 if something is wrong, 2 if FILE cannot be read, 3 if LAMMPS stopped with an
     error, and 4 if it is undecided.
@@ -51,8 +51,7 @@ def check(file: str, as_json: bool = False, folder: Path | None = None, **settin
     if as_json:
         print_json(answer.as_json())
     else:
-        for name, text in answer.lines(str(folder / "index.html") if folder is not None else ""):
-            click.echo(f"{name:10} {text}")
+        click.echo(answer.shown(str(folder / "index.html") if folder is not None else ""))
     sys.exit(answer.exit_code)
 
 

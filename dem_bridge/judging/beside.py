@@ -15,6 +15,7 @@ from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_
 from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.formats.readers import Record, read_record
 from dem_bridge.foundation.notebook import quantity as amount
+from dem_bridge.foundation.words import share
 from dem_bridge.judging.deck import DeckRun, deck_run
 from dem_bridge.judging.foreign import TIME_LIMIT_S, Command, ForeignRun, default_steps, foreign_runs
 from dem_bridge.judging.judgement import Addition, Judgement
@@ -197,7 +198,7 @@ def _limits(judgement: Judgement, run: DeckRun) -> Addition:
     rows = [(limit.what, limit.found, limit.effect, limit.advice) for limit in limits]
     suspects = [limit for limit in limits if limit.effect != 0.0]
     shown = [
-        f"{limit.what} ({limit.found})" + ("" if math.isnan(limit.effect) else f" {limit.effect:.1e}")
+        f"{limit.what} ({limit.found})" + ("" if math.isnan(limit.effect) else f" {share(limit.effect)}")
         for limit in suspects
     ]
     table = TEXTS.table("limits", LIMITS_COLUMNS, rows, name=name)

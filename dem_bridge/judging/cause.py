@@ -10,6 +10,7 @@ import numpy as np
 
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.formats.readers.record import Record
+from dem_bridge.foundation.words import share
 from dem_bridge.judging.diagnosis import (
     ERROR_OF_UNKNOWN_METHOD,
     LEAST_EFFECT_FLOORS,
@@ -87,7 +88,7 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
         # no fault that is left would be 50 floors, of which the error of the step is one
         return Diagnosis(
             cause="none",
-            evidence=f"The time step explains the difference but for {none.error:.2g} of the largest value.",
+            evidence=f"The time step explains the difference but for {share(none.error)} of the largest value.",
             step=step_error(search.decision, none),
         )
     if size > LEAST_UNSTABLE_DIFFERENCE:
@@ -127,7 +128,7 @@ def _of_shipped_scene(search: Search, size: float) -> Diagnosis | None:
     if shipped is None:
         return None
     name, error = shipped
-    evidence = f"The file is of the scene {name}, from which it differs by {error:.2g} of the largest value."
+    evidence = f"The file is of the scene {name}, from which it differs by {share(error)} of the largest value."
     return Diagnosis(cause="wrong-scene", evidence=evidence)
 
 
@@ -155,7 +156,7 @@ def _by_fits(search: Search, none: Fit, stated: Sequence[Statement]) -> Diagnosi
         none.error > LARGEST_USUAL_NOISE and search.decision.effect_of_noise(none) < LEAST_EFFECT_FLOORS
     ):
         return diagnosis
-    sentence = f"The samples are numbers of single precision, and differ by {none.error:.2g} of the largest value."
+    sentence = f"The samples are numbers of single precision, and differ by {share(none.error)} of the largest value."
     return Diagnosis(cause="single-precision", evidence=sentence)
 
 
@@ -176,7 +177,7 @@ def by_statements(search: Search, none: Fit, stated: Sequence[Statement]) -> Dia
     effects = {statement: search.effect(variant_of(search.scene, [statement]) or variant) for statement in stated}
     first = max(stated, key=lambda statement: effects[statement])
     effect, step = effects[first], step_error(decision, together)
-    words = _and(f"{statement.words} (effect {effects[statement]:.2g})" for statement in stated)
+    words = _and(f"{statement.words} (effect {share(effects[statement])})" for statement in stated)
     left = leaves(together, none, "With it")
     if effect < max(ERROR_OF_UNKNOWN_METHOD, 0.0 if step is None else step.error / LEAST_EFFECT_FLOORS):
         return Diagnosis(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dem_bridge.foundation.words import share
 from dem_bridge.judging.chain_hypotheses import equal_radii, uniform_name
 from dem_bridge.judging.fitting import Fit, Stepping
 from dem_bridge.judging.hypotheses import Hypothesis
@@ -186,8 +187,8 @@ def sentence(fit: Fit, none: Fit) -> str:
 def leaves(fit: Fit, none: Fit, subject: str = "With this fault") -> str:
     """Return what a fit leaves of the difference, in a sentence."""
     return (
-        f"{subject} in the reference the difference shrinks from {none.error:.2g} of the largest value to"
-        f" {fit.error:.2g}."
+        f"{subject} in the reference the difference shrinks from {share(none.error)} of the largest value to"
+        f" {share(fit.error)}."
     )
 
 
@@ -260,7 +261,7 @@ def _without_name(search: Search, none: Fit, best: Fit, found: bool, *, certain:
     loosely = (left < 1.0 / LEAST_EFFECT_FLOORS and best.error < usual) or (
         left < LARGEST_SHARE_LEFT and best.error < LARGEST_ERROR_LEFT
     )
-    small = Diagnosis(cause="none", evidence=f"The difference is {none.error:.2g} of the largest value.")
+    small = Diagnosis(cause="none", evidence=f"The difference is {share(none.error)} of the largest value.")
     if not (found and (explained(best) or loosely)):
         if search.data.dt is None and none.floors < LEAST_EFFECT_FLOORS:
             usual = ERROR_OF_UNKNOWN_METHOD

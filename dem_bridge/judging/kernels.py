@@ -20,7 +20,7 @@ VERLET, DRIFT_FIRST, KICK_EULER, DRIFT_EULER, EXPLICIT_EULER, RK4 = range(6)
 _SHARE_OF_SPEED_AT_REST = 1e-22
 #: bodies ahead of a front that are worked on
 _BODIES_AHEAD_OF_FRONT = 5
-#: the adaptive method gives up after so many steps
+#: the adaptive method gives up after so many steps, and two more for each of its times
 MOST_ADAPTIVE_STEPS = 60_000
 
 
@@ -124,13 +124,15 @@ def reached(v: Floats, a: Floats, count: int, speed: float) -> int:
 @kernel()
 def adaptive(
     system: System, times: Floats, speed: float, tolerance: float, method: Floats, weights: Floats, errors: Floats
-) -> tuple[Floats, Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, Floats, float]:
     """Integrate by an explicit Runge-Kutta pair of order 8 (Dormand & Prince) that steps onto each of ``times``.
 
     ``tolerance`` is that of the velocities in a step, relative to ``speed``. ``method``, ``weights``, ``errors``: its
-    coefficients. The results are displacement, velocity, acceleration ``(n_t, n)`` and force ``(n_t, n + 1)``.
+    coefficients. The results are displacement, velocity, acceleration ``(n_t, n)``, force ``(n_t, n + 1)`` and the time
+    (s) that was reached, from which on velocities are nan if the steps were too many.
     """
     n, stages, rows = len(system.mass), len(weights), len(times)
+    most = MOST_ADAPTIVE_STEPS + 2 * rows
     x, v, a, f = np.zeros(n), system.velocity.copy(), np.zeros(n), np.zeros(n + 1)
     out_x, out_v, out_a, out_f = np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, n + 1))
     kv, ka = np.zeros((stages + 1, n)), np.zeros((stages + 1, n))
@@ -139,7 +141,10 @@ def adaptive(
     count = reached(v, a, 0, speed)
     t, steps, size = 0.0, 0, system.first_step
     for row in range(rows):
-        while t < times[row] and steps < MOST_ADAPTIVE_STEPS:
+        while t < times[row]:
+            if steps == most:
+                out_v[row:] = np.nan
+                return out_x, out_v, out_a, out_f, t
             steps += 1
             left = times[row] - t
             lands = size >= 0.999 * left
@@ -182,7 +187,7 @@ def adaptive(
             if not ratio < np.inf:
                 # the motion of such numbers is none
                 out_v[row:] = np.nan
-                return out_x, out_v, out_a, out_f
+                return out_x, out_v, out_a, out_f, times[-1]
             if ratio <= 1.0 or h < 1e-13 * times[-1]:
                 t = times[row] if lands else t + h
                 x[:count], v[:count], a[:count] = new_x[:count], new_v[:count], ka[stages, :count]
@@ -193,7 +198,7 @@ def adaptive(
                 size = h * max(0.1, 0.9 * ratio**-0.125)
         forces(x, v, n, system, f)
         out_x[row], out_v[row], out_a[row], out_f[row] = x, v, a, f
-    return out_x, out_v, out_a, out_f
+    return out_x, out_v, out_a, out_f, times[-1]
 
 
 @kernel()

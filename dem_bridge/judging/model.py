@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.driven import driven_of
 from dem_bridge.backends.scales import natural_scales
+from dem_bridge.errors import RunBroken
 from dem_bridge.judging import kernels
 from dem_bridge.judging.kernels import System, kinds_of
 from dem_bridge.scene.scene import Scene
@@ -61,6 +62,10 @@ class Motion:
     force: Floats
 
 
+class MotionTooLong(RunBroken):
+    """The motion of a scene needs so many steps of the adaptive method that it was not followed to its end."""
+
+
 class Model:
     """The motion of a scene with other numbers, at given times."""
 
@@ -75,8 +80,22 @@ class Model:
         self._pair = np.array(DOP853.A[: len(weights), : len(weights)]), weights, np.array([DOP853.E3, DOP853.E5])
 
     def exact(self, system: System, times: Floats, tolerance: float = ADAPTIVE_STEP_TOLERANCE) -> Motion:
-        """Return the motion at ``times`` (s, not falling, from 0) by an adaptive method of order 8."""
-        return Motion(*kernels.adaptive(system, np.ascontiguousarray(times), self.speed, tolerance, *self._pair))
+        """Return the motion at ``times`` (s, not falling, from 0) by an adaptive method of order 8.
+
+        Velocities of another system than that of the scene are nan from where they need too many steps.
+
+        Raises
+        ------
+        MotionTooLong
+            If the motion of the scene itself needs too many steps.
+        """
+        *motion, end = kernels.adaptive(system, np.ascontiguousarray(times), self.speed, tolerance, *self._pair)
+        if system is self.system and end < times[-1]:
+            raise MotionTooLong(
+                f"the exact motion of {self.scene.name} takes more than {kernels.MOST_ADAPTIVE_STEPS} steps to"
+                f" {times[-1]:.3g} s (it was followed to {end:.3g} s): give an earlier end"
+            )
+        return Motion(*motion)
 
     def stepped(self, system: System, steps: NDArray[np.int64], dt: float, method: int = kernels.VERLET) -> Motion:
         """Return the motion after ``steps`` steps of ``dt`` (s) by a method of :mod:`.kernels`."""

@@ -11,12 +11,15 @@ import numpy as np
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import Record
 from dem_bridge.foundation.numbers import check_number
+from dem_bridge.foundation.words import share
 from dem_bridge.judging.cause import diagnose
 from dem_bridge.judging.diagnosis import Diagnosis, alternative
 from dem_bridge.judging.judgement import EXPLAINED, Judgement
+from dem_bridge.judging.model import MotionTooLong
 from dem_bridge.judging.order import Convergence, convergence
 from dem_bridge.judging.reference import FileErrors, QuantityErrors, file_errors
-from dem_bridge.judging.step import ACCURACIES, errors_by_step, observed_curve, step_curve
+from dem_bridge.judging.step import errors_by_step, observed_curve, step_curve
+from dem_bridge.observables.step_error import ACCURACIES
 from dem_bridge.scene.scene import Scene
 
 #: multiple of the scene's duration beyond which a scene that stays together (walls, load, drive) is not continued
@@ -82,11 +85,12 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
     right = diagnosis.cause == "none" and name in judgement.order
     accuracies = ACCURACIES if tolerance is None else (*ACCURACIES, tolerance)
     curve = observed_curve(files, name) if right else None
-    return replace(
-        judgement,
-        step_curve=curve or step_curve(scene, diagnosis, file, name, accuracies),
-        by_step=errors_by_step(scene, diagnosis, judgement.judged[0]) if len(judgement.judged) == 1 else None,
-    )
+    try:
+        curve = curve or step_curve(scene, diagnosis, file, name, accuracies)
+        by_step = errors_by_step(scene, diagnosis, judgement.judged[0]) if len(judgement.judged) == 1 else None
+    except MotionTooLong as problem:
+        return replace(judgement, assumed=(*notes, f"The largest steps are not answered, because {problem}."))
+    return replace(judgement, step_curve=curve, by_step=by_step)
 
 
 def _diagnosis(
@@ -94,18 +98,22 @@ def _diagnosis(
 ) -> Diagnosis:
     """Return the likely cause; errors without a cause that fall to nothing with the time step are those of the step."""
     explained = not any(file.first_divergence(scene) for file in files)
-    diagnosis = EXPLAINED if explained else diagnose(scene, [file.record for file in files], floor)
+    try:
+        diagnosis = EXPLAINED if explained else diagnose(scene, [file.record for file in files], floor)
+    except MotionTooLong as problem:
+        words = f"The cause is not answered, because {problem}."
+        return Diagnosis(cause="unknown", evidence=words, headline=words)
     if diagnosis.cause == "none" and (part := _without_reference(files)):
-        name, share = part.quantity, part.relative(part.reference_uncertainty)
+        name, size = part.quantity, part.relative(part.reference_uncertainty)
         return Diagnosis(
             cause="unknown",
-            evidence=f"The reference is uncertain by {share:.2g} of the largest {name} at these times, so that errors"
+            evidence=f"The reference is uncertain by {share(size)} of the largest {name} at these times, so that errors"
             " of the file cannot be seen; give earlier samples.",
         )
-    if diagnosis.cause == "none" and (share := min(_floors(files), default=0.0)) > LARGEST_OPEN_SHARE:
+    if diagnosis.cause == "none" and (size := min(_floors(files), default=0.0)) > LARGEST_OPEN_SHARE:
         return Diagnosis(
             cause="unknown",
-            evidence=f"The digits of the file leave {share:.2g} of the largest value open, so that errors cannot be"
+            evidence=f"The digits of the file leave {share(size)} of the largest value open, so that errors cannot be"
             " seen; write more digits.",
         )
     if diagnosis.cause != "unknown" or not converging or not all(part.vanishes for part in converging):

@@ -1,4 +1,4 @@
-"""`dem-bridge check`: eight lines, JSON, a page, exit codes, and what it says about its cost."""
+"""`dem-bridge check`: entries in lines of 80 columns, JSON, a page, exit codes, and its cost."""
 
 from __future__ import annotations
 
@@ -23,13 +23,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_coarse_step_is_answered_in_eight_lines_with_a_page(folder: Path) -> None:
+def entries(text: str) -> dict[str, str]:
+    """Return the entries of an answer by their names: a line that begins with blanks continues the one before."""
+    assert all(len(line) <= 80 for line in text.splitlines() if "  # line" not in line)
+    joined = re.sub(r"\n {11}", " ", text).splitlines()
+    return {line[:11].strip(): line[11:] for line in joined}
+
+
+def test_a_coarse_step_is_answered_in_eight_entries_with_a_page(folder: Path) -> None:
     done = run_here("check", "in.coarse", "-o", "page", cwd=folder)
     assert done.returncode == 1
-    lines = done.stdout.splitlines()
-    assert len(lines) <= 8
-    assert lines[0].startswith("FAIL       The step is too coarse: at 3.5e-06 s velocities are wrong by 1.6 %")
-    assert lines[1].split("  #")[0].split() == ["write", "timestep", "7.022e-07"]
+    said = entries(done.stdout)
+    assert list(said) == ["FAIL", "write", "law", "step", "release", "plausible", "page"]
+    assert said["FAIL"].startswith("The step is too coarse: at 3.5e-06 s velocities are wrong by 1.6 %")
+    assert said["write"].split("  #")[0] == "timestep 7.022e-07"
+    assert re.search(r"; \S+ s gives 0.1 %, \S+ s gives 1e-4 \(measured\), unstable above", said["step"])
     assert re.fullmatch(r"dem-bridge: check of in.coarse: about \d+ s of CPU time\n", done.stderr)
     page = (folder / "page" / "index.html").read_text()
     assert {path.name for path in (folder / "page").iterdir()} >= {"index.html", "check.json", "figures", "tables"}

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dem_bridge.foundation.words import share
 from dem_bridge.judging import cause
 from dem_bridge.judging.diagnosis import Diagnosis, name_cause
 from dem_bridge.judging.fitting import Block, Fit
@@ -135,7 +136,7 @@ def test_small_errors_without_a_cause_are_those_of_a_method(
         nearest = f"Something. {part}" if fits else "No single fault helps."
         assert answer == "none" or diagnosis.headline == nearest
         assert diagnosis.evidence == (
-            f"The difference is {error:.2g} of the largest value." if answer == "none" else nearest
+            f"The difference is {share(error)} of the largest value." if answer == "none" else nearest
         )
 
 
@@ -154,7 +155,7 @@ def test_an_effect_of_fifty_floors_is_named(effect: float, error: float, answer:
     assert whole == ("gravity" if answer == "unknown" else answer)
     if answer != "gravity":
         below = "The difference is 49 floors, below 50."
-        assert diagnosis.evidence == (below if answer == "unknown" else "The difference is 9e-07 of the largest value.")
+        assert diagnosis.evidence == (below if answer == "unknown" else "The difference is 9e-7 of the largest value.")
 
 
 def test_of_equal_fits_the_first_of_the_list_is_named_with_its_numbers() -> None:
@@ -167,8 +168,7 @@ def test_of_equal_fits_the_first_of_the_list_is_named_with_its_numbers() -> None
     diagnosis = diagnosis_of(NONE, fits)
     assert (diagnosis.cause, diagnosis.where, diagnosis.alternatives) == ("mass", "body 2", ("time-scale",))
     assert diagnosis.evidence == (
-        "Mass 3 +- 0.5. With this fault in the reference the difference shrinks from 0.01 of the largest value to"
-        " 3e-09."
+        "Mass 3 +- 0.5. With this fault in the reference the difference shrinks from 1 % of the largest value to 3e-9."
     )
     assert diagnosis.parameters == {"value": (3.0, 0.5)}
     # two bodies as good as each other are no place
@@ -358,7 +358,7 @@ def test_unexplained_values_on_a_grid_of_single_precision_are_so_named(
     assert diagnosis.cause == answer
     if answer == "single-precision":
         assert diagnosis.evidence == (
-            f"The samples are numbers of single precision, and differ by {none.error:.2g} of the largest value."
+            f"The samples are numbers of single precision, and differ by {share(none.error)} of the largest value."
         )
 
 

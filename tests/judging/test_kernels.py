@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from dem_bridge.judging import kernels
 from dem_bridge.judging.kernels import System
-from dem_bridge.judging.model import Model
+from dem_bridge.judging.model import Model, MotionTooLong
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.trajectory.trajectory import Floats
 
@@ -141,7 +141,7 @@ def test_the_adaptive_method_arrives_at_the_solution_of_another_code(name: str) 
 
     start = np.concatenate([np.zeros(3), model.system.velocity])
     truth = solve_ivp(right_side, (0.0, 1e-4), start, "DOP853", times, rtol=1e-11, atol=1e-15)
-    x, v, a, f = kernels.adaptive.interpret(model.system, times, model.speed, 1e-10, *model._pair)
+    x, v, a, f, _ = kernels.adaptive.interpret(model.system, times, model.speed, 1e-10, *model._pair)
     # 3,000 tolerances of the speed at most, for bodies collide often: 50 to 940 with seven versions of libm, whose
     # last digits choose other steps; and no error of a velocity lasts longer than the run
     velocity = 3000.0 * 1e-10 * model.speed
@@ -179,3 +179,19 @@ def test_a_motion_without_numbers_ends_as_nan_and_not_in_an_endless_loop() -> No
         out: Any = kernels.adaptive.interpret(broken, np.array([0.0, 1e-4]), model.speed, 1e-10, *model._pair)
     assert np.all(out[0][0] == 0.0)
     assert np.all(np.isnan(out[1][1]))
+
+
+def test_a_motion_that_needs_too_many_steps_is_an_error_and_no_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernels, "adaptive", kernels.adaptive.interpret)
+    monkeypatch.setattr(kernels, "MOST_ADAPTIVE_STEPS", 20)
+    model, times = Model(CHAIN), np.linspace(0.0, CHAIN.duration, 5)
+    with pytest.raises(
+        MotionTooLong, match=r"of three takes more than 20 steps to 0.0001 s \(it was followed to .*e-0"
+    ):
+        model.exact(model.system, times)
+    # a hypothesis that needs so many has no motion
+    other = model.system.changed(stiffness=2.0 * model.system.stiffness)
+    assert np.isnan(model.exact(other, times).velocity[-1]).all()
+    # each of many times has steps of its own
+    still = Model(replace(CHAIN, velocity=(0.8, 0.8, 0.8), wall_left=None, wall_right=None))
+    assert still.exact(still.system, np.linspace(0.0, 1e-6, 100)).velocity[-1].tolist() == [0.8, 0.8, 0.8]

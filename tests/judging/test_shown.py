@@ -473,7 +473,7 @@ def test_a_reference_that_is_uncertain_by_a_percent_hides_errors(
         assert (answer is not none) is uncertain
         if uncertain:
             assert answer.evidence == (
-                "The reference is uncertain by 0.015 of the largest velocity at these times, so that errors of the file"
+                "The reference is uncertain by 1.5 % of the largest velocity at these times, so that errors of the file"
                 " cannot be seen; give earlier samples."
             )
             assert answer.cause == "unknown"
@@ -491,7 +491,7 @@ def test_a_reference_that_is_uncertain_by_a_percent_hides_errors(
             assert (answer.cause == "unknown") is hidden
             if hidden:
                 assert answer.evidence == (
-                    "The digits of the file leave 0.015 of the largest value open, so that errors cannot be seen; write"
+                    "The digits of the file leave 1.5 % of the largest value open, so that errors cannot be seen; write"
                     " more digits."
                 )
     assert diagnosed(file_of(part(ERROR, scale=0.0))) is none

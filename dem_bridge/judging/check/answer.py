@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +34,22 @@ _OF_STEP = {
     Outcome.UNDECIDED: "undecided",
     Outcome.BROKEN: "not run",
 }
+
+
+#: width of a line, room of the names of entries, and the most lines that ``print`` shows
+_COLUMNS, _COLUMNS_OF_NAMES, MOST_LINES_PRINTED = 80, 11, 15
+#: entries that are not wrapped, because they are copied, and those that ``print`` leaves out first
+_WHOLE, _LEAST_NEEDED = ("write", "", "page"), ("release", "plausible")
+
+
+def _block(name: str, text: str, *, whole: bool) -> list[str]:
+    """Return an entry in lines whose words are whole; a ``whole`` one in one line."""
+    room = _COLUMNS - _COLUMNS_OF_NAMES
+    wrapped = [text] if whole else textwrap.wrap(text, room, break_long_words=False, break_on_hyphens=False)
+    return [
+        f"{head:{_COLUMNS_OF_NAMES}}{line}"
+        for head, line in zip([name, *[""] * (len(wrapped) - 1)], wrapped, strict=True)
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -199,8 +216,19 @@ class Check(KeyedAnswer):
         unread = "not examined: the script is not read as a chain" if self.unsupported else "nothing is unusual"
         return f"yes: {usual}." if usual else f"{unread}."
 
+    def shown(self, page: str = "", *, most: int | None = None) -> str:
+        """Return the answer in lines of 80 columns without broken words; lines to write and paths stay whole.
+
+        ``most``: number of lines, for which the entries that are needed least are left out.
+        """
+        blocks = [(name, _block(name, text, whole=name in _WHOLE)) for name, text in self.lines(page)]
+        for left_out in _LEAST_NEEDED:
+            if most is not None and sum(len(block) for _, block in blocks) > most:
+                blocks = [(name, block) for name, block in blocks if name != left_out]
+        return "\n".join(line for _, block in blocks for line in block)
+
     def __repr__(self) -> str:
-        return "\n".join(f"{name:10} {text}" for name, text in self.lines())
+        return self.shown(most=MOST_LINES_PRINTED)
 
     @property
     def study(self) -> Study:

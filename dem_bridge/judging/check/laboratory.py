@@ -13,14 +13,13 @@ from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import DemBridgeError, RunBroken
-from dem_bridge.formats.readers import read_record
 from dem_bridge.judging.check.lammps_run import (
     LARGEST_SPACING_OF_PERIOD,
     LammpsRun,
     Spacing,
     along_chain,
     changing,
-    dumped,
+    samples_of,
     spacing_of,
     times_at,
 )
@@ -117,23 +116,21 @@ class Laboratory:
 
     def _read(self, run: DeckRun, factor: int, dense: bool) -> LammpsRun:
         """Return the velocities of a run, in SI where the script has a scene."""
-        time, velocity = dumped(run.out.read_text())
-        bodies = tuple(range(velocity.shape[1] // 3))
-        time = time * self.subject.unit
-        of_scene = self.scene is not None and bool(np.all(np.isfinite(velocity)))
-        if self.scene is not None and of_scene:
-            record = read_record(run.out, self.scene, dt=run.dt)
-            time, velocity = record.time, record.values["velocity"]
-            bodies = tuple(record.columns["velocity"])
+        samples = samples_of(run.out.read_text(), self.scene, dt=run.dt, unit=self.subject.unit)
         result = LammpsRun(
-            factor=factor, time=time, velocity=velocity, bodies=bodies, version=run.version, dangerous=run.dangerous
+            factor=factor,
+            time=samples.time,
+            velocity=samples.velocity,
+            bodies=samples.bodies,
+            version=run.version,
+            dangerous=run.dangerous,
         )
         steps, values = run.active() if result.finite else (result.active_steps, result.active)
         if not len(steps) or not np.all(np.isfinite(values)) or not np.all(np.diff(steps) > 0):
             return result
         values = (
             along_chain(run, values, result, float(steps[-1]) * (run.dt or 0.0))
-            if of_scene
+            if samples.of_scene
             else values.reshape(len(steps), -1)
         )
         if not dense and (base := self._base) is not None:

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dem_bridge.errors import UsageError
+from dem_bridge.formats.readers.assemble import Choices
+from dem_bridge.formats.readers.chain import draft_of_frames
+from dem_bridge.formats.readers.dumps import read_dump
 from dem_bridge.foundation.compiled import Ints
 from dem_bridge.judging.deck import DeckRun
 from dem_bridge.judging.model import Model
@@ -153,23 +155,44 @@ def times_at(steps: Ints, dt: float) -> Floats:
     return np.asarray(dt * steps, dtype=np.float64)
 
 
-def dumped(text: str) -> tuple[Floats, Floats]:
-    """Return times and velocities of the added dump, atoms by their ids: ``(n_t,)`` and ``(n_t, 3 n_atom)``."""
-    times: list[float] = []
-    rows: list[Floats] = []
-    lines = text.splitlines()
-    place, count = 0, 0
-    while place < len(lines):
-        heading = lines[place]
-        if heading.startswith("ITEM: TIME") and not heading.startswith("ITEM: TIMESTEP"):
-            times.append(float(lines[place + 1]))
-        elif heading.startswith("ITEM: NUMBER OF ATOMS"):
-            count = int(lines[place + 1])
-        elif heading.startswith("ITEM: ATOMS"):
-            table = np.array([line.split() for line in lines[place + 1 : place + 1 + count]], dtype=float)
-            rows.append(table[np.argsort(table[:, 0]), 5:8].ravel())
-            place += count
-        place += 1
-    if len({len(row) for row in rows}) > 1:
-        raise UsageError("the number of atoms changes during the run; allowed: as many atoms in all frames")
-    return np.array(times), np.array(rows)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Samples:
+    """Times and velocities of the added dump."""
+
+    time: Floats
+    """s, ``(n_t,)``."""
+    velocity: Floats
+    """In m/s, ``(n_t, n_body)``, if ``of_scene``; else in the units of the script, three components of each atom."""
+    bodies: tuple[int, ...]
+    of_scene: bool
+    """True if the velocities are those of the bodies of a scene, and are numbers."""
+
+
+def samples_of(text: str, scene: Scene | None, *, dt: float | None, unit: float) -> Samples:
+    """Return what the added dump holds; it is parsed once, whether there is a scene or not.
+
+    Parameters
+    ----------
+    text : str
+        The dump.
+    scene : Scene, optional
+        Scene of the script.
+    dt : float, optional
+        Time step of the run, s.
+    unit : float
+        Unit of time of the script, s.
+
+    Raises
+    ------
+    UsageError
+        If the atoms change during the run.
+    """
+    frames = read_dump([text])
+    assert frames.time is not None  # the added dump has times
+    velocity = frames.columns["velocity"]
+    if scene is not None and np.all(np.isfinite(velocity)):
+        record = draft_of_frames("the dump", frames, scene, Choices(dt), "si").record(scene)
+        bodies = tuple(record.columns["velocity"])
+        return Samples(time=record.time, velocity=record.values["velocity"], bodies=bodies, of_scene=True)
+    atoms = tuple(range(velocity.shape[1]))
+    return Samples(time=unit * frames.time, velocity=velocity.reshape(len(velocity), -1), bodies=atoms, of_scene=False)

@@ -12,6 +12,7 @@ from dem_bridge.errors import DemBridgeError
 from dem_bridge.foundation.words import number, share
 from dem_bridge.judging.check.edits import tidy_factor
 from dem_bridge.judging.check.laboratory import Laboratory
+from dem_bridge.judging.model import MotionTooLong
 from dem_bridge.observables.step_error import LargestStep, StepError, with_sources
 from dem_bridge.observables.verdict import Outcome, judge
 
@@ -120,9 +121,12 @@ def step_of(lab: Laboratory, accuracy: float, *, law_is_right: bool, lost: bool)
     dt = lab.subject.deck.dt
     assert dt is not None  # see ``Laboratory.problem``
     lab.say("largest steps")
-    curve = lab.predicted(dt, (accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * accuracy)) or StepError(
-        dt=dt, stated=True, curve=((dt, 0.0),)
-    )
+    try:
+        curve = lab.predicted(dt, (accuracy, _SHARE_OF_ACCURACY_TOLD_TOO * accuracy))
+    except MotionTooLong as problem:
+        why = f"the largest steps are not answered, because {problem}"
+        return StepAnswer(dt=dt, accuracy=accuracy, unit=lab.subject.time_unit, why=why)
+    curve = curve or StepError(dt=dt, stated=True, curve=((dt, 0.0),))
     now = math.inf if lost else lab.error(lab.lammps()) if law_is_right else curve.error
     answer = StepAnswer(
         dt=dt,

@@ -23,6 +23,7 @@ from dem_bridge.judging.check.plausible import Plausibility
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
 from dem_bridge.judging.check.subject import subject_of
 from dem_bridge.lmp.known_defects import known_defects
+from dem_bridge.observables.step_error import LargestStep
 from dem_bridge.observables.verdict import Outcome
 from tests.helpers.checked_decks import BALLS, RADIUS, UNDAMPED, script
 
@@ -37,7 +38,13 @@ def answer(law: Outcome = PASS, step: Outcome = PASS, **changes: Any) -> Check:
         "accuracy": 1e-3,
         "law_answer": LawAnswer(outcome=law, sentence="hertz, no damping: words on the law.", difference=1e-12),
         "step_answer": StepAnswer(
-            dt=1e-6, accuracy=1e-3, error=2e-3, uncertainty=1e-9, scale=0.5, largest={1e-3: 7e-7}, outcome=step
+            dt=1e-6,
+            accuracy=1e-3,
+            error=2e-3,
+            uncertainty=1e-9,
+            scale=0.5,
+            steps={1e-3: LargestStep(dt=7e-7)},
+            outcome=step,
         ),
         "engine_answer": EngineAnswer(version=20250722, defects=(), bite=None, of_release=7),
     }
