@@ -20,6 +20,7 @@ from dem_bridge.judging import beside, deck, foreign
 from dem_bridge.judging.judgement import Addition, Judgement
 from dem_bridge.judging.limits import Limit
 from dem_bridge.judging.reference import QuantityErrors
+from dem_bridge.judging.stated import differences
 from dem_bridge.lmp.reader.script import Command
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from tests.helpers.seams import Seam, plant
@@ -113,20 +114,20 @@ def test_differences_of_scenes_are_by_field_to_twelve_digits(
     name: str, ours: object, theirs: object, words: str
 ) -> None:
     scenes = [replace(PAIR, **{name: value}) for value in (ours, theirs)]  # type: ignore[arg-type]
-    assert deck.differences(*scenes) == ({name: words} if words else {})
+    assert differences(*scenes) == ({name: words} if words else {})
 
 
 def test_scenes_of_other_numbers_of_bodies_differ_in_their_lengths() -> None:
     alone = Scene(name="a", duration=1e-3, mass=(1e-2,), stiffness=(), velocity=(1.0,), wall_right=Wall(stiffness=4e9))
     wall = replace(PAIR, wall_right=Wall(stiffness=4e9))
-    assert deck.differences(wall, alone) == {
+    assert differences(wall, alone) == {
         "mass": "1 numbers; the scene has 2",
         "stiffness": "0 numbers; the scene has 1",
         "exponent": "0 numbers; the scene has 1",
         "gap": "0 numbers; the scene has 1",
         "velocity": "1 numbers; the scene has 2",
     }
-    assert deck.differences(alone, alone) == {}
+    assert differences(alone, alone) == {}
 
 
 # ---------------------------------------------------------------- the added dump
@@ -489,7 +490,7 @@ def test_files_and_decks_are_judged_together_and_decks_have_their_limits(monkeyp
     assert judgement.tolerance == 0.5
     # what has no effect is in the table alone
     assert judgement.addition.lines == (
-        ("limits", "in.x: time step (1 s) 2.0e-03; w (f)"), ("limits", "in.y: time step (1 s) 2.0e-03; w (f)"),
+        ("limits", "in.x: time step (1 s) 0.2 %; w (f)"), ("limits", "in.y: time step (1 s) 0.2 %; w (f)"),
     )  # fmt: skip
     tables = judgement.addition.tables
     assert [(table.id, table.title) for table in tables] == [

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.judging import deck, single
+from dem_bridge.judging import deck
 from dem_bridge.judging.diagnosis import Diagnosis, name_cause
 from dem_bridge.judging.fitting import Block, Fit
 from dem_bridge.judging.foreign import Command as ForeignCommand
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.reference import QuantityErrors, reference_at
+from dem_bridge.judging.without_fits import on_single_grid
 from dem_bridge.lmp.reader.script import Command
 from dem_bridge.scene.scene import Scene
 
@@ -152,7 +153,7 @@ def block_of(*columns: np.ndarray, quantity: int = 0, digits: float = 1e-13) -> 
 
 def is_single(*blocks: Block) -> bool:
     data: Any = SimpleNamespace(blocks=blocks)
-    return single.on_single_grid(data)
+    return on_single_grid(data)
 
 
 def test_numbers_of_single_precision_are_recognised_and_doubles_are_not() -> None:

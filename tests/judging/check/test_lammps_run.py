@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
 
 from dem_bridge.errors import UsageError
+from dem_bridge.formats.readers.dumps import Frames, read_dump
 from dem_bridge.judging.check import lammps_run
 from dem_bridge.judging.check.lammps_run import samples_of
 from dem_bridge.scene.scene import Scene
@@ -53,8 +56,12 @@ def test_a_number_of_atoms_that_changes_is_a_message(scene: Scene | None) -> Non
 
 
 def test_a_dump_is_parsed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    parsed = []
-    whole = lammps_run.read_dump
-    monkeypatch.setattr(lammps_run, "read_dump", lambda texts: parsed.append(1) or whole(texts))
+    parsed: list[int] = []
+
+    def counted(texts: Iterable[str]) -> Frames:
+        parsed.append(1)
+        return read_dump(texts)
+
+    monkeypatch.setattr(lammps_run, "read_dump", counted)
     samples_of(dump(FIRST, SECOND), PAIR, dt=1e-6, unit=1.0)
     assert parsed == [1]

@@ -8,7 +8,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.formats.readers import read_record
-from dem_bridge.judging.check.answer import Check
+from dem_bridge.judging.check.answer import MOST_LINES_PRINTED, Check
 from dem_bridge.judging.deck import deck_run, user_deck
 from dem_bridge.judging.reference import file_errors
 from tests.helpers.checked_decks import Variant, variants, written
@@ -61,10 +61,11 @@ def assert_answered(variant: Variant, folder: Path) -> None:
     """Assert that the answer is right, and that its lines, where it has some, give a run within the accuracy."""
     answer = check(variant, folder / "one")
     text = repr(answer)
-    assert (answer.outcome, len(text.splitlines()) <= 8) == (variant.outcome, True), text
+    assert (answer.outcome, len(list(answer.lines())) <= 8) == (variant.outcome, True), text
+    assert len(text.splitlines()) <= MOST_LINES_PRINTED, text
     assert variant.law in ("", answer.law["outcome"]), text
-    assert variant.said in text
-    if answer.step["outcome"] == "FAIL" or "leaves the box" in text:
+    assert variant.said in " ".join(part for entry in answer.lines() for part in entry), text
+    if answer.step["outcome"] == "FAIL" or "leaves the box" in answer.law["sentence"]:
         assert answer.advice, text
     if not answer.advice:
         return
