@@ -6,7 +6,14 @@ import math
 
 import pytest
 
-from dem_bridge.observables.step_error import LargestStep, StepError, measure_steps, with_sources
+from dem_bridge.observables.step_error import (
+    LargestStep,
+    StepError,
+    accuracy_key,
+    measure_steps,
+    two_digits_below,
+    with_sources,
+)
 
 #: errors of order 2 at three steps
 ERRORS = StepError(curve=((1e-6, 1e-3), (2e-6, 4e-3), (4e-6, 1.6e-2)))
@@ -64,3 +71,14 @@ def test_what_steps_share_is_said_once() -> None:
     beyond = LargestStep(dt=3e-6, measured=False, finer=1e-6)
     said = with_sources([("a", beyond), ("b", beyond), ("c", LargestStep(dt=1e-6))], "{:g} s".format)
     assert said == "a, b (above 1e-06 s, the coarsest that was run), c (measured)"
+
+
+@pytest.mark.parametrize(
+    ("step", "below"), [(3.59e-7, 3.5e-7), (1e-7, 1e-7), (9.99e-8, 9.9e-8), (2.14e-7, 2.1e-7), (5.0, 5.0)]
+)
+def test_a_step_is_rounded_down_to_two_digits(step: float, below: float) -> None:
+    assert two_digits_below(step) == below
+
+
+def test_an_accuracy_has_one_key() -> None:
+    assert [accuracy_key(accuracy) for accuracy in (1e-2, 1e-3, 2.5e-5, 0.5)] == ["1e-2", "1e-3", "2.5e-5", "5e-1"]
