@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property, update_wrapper
-from typing import Any, Generic, ParamSpec, TypeVar
+from types import FunctionType
+from typing import Any, Generic, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +21,6 @@ R = TypeVar("R")
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-_thread = threading.local()
 
 
 class Kernel(Generic[P, R]):
@@ -35,7 +37,9 @@ class Kernel(Generic[P, R]):
     @cached_property
     def compiled(self) -> Any:
         """The function as numba compiles it; a loop of a hundred thousand calls calls this directly."""
-        from dem_bridge.foundation.kernel_cache import compile_function
+        # numba imports coverage where it is installed, for 0.1 s
+        with _without("coverage"):
+            from dem_bridge.foundation.kernel_cache import compile_function
 
         return compile_function(self.py_func, nogil=self.nogil)
 
@@ -45,9 +49,7 @@ class Kernel(Generic[P, R]):
         return self.compiled._numba_type_
 
     def __call__(self, *arguments: P.args, **named: P.kwargs) -> R:
-        """Call the compiled function, or within :meth:`interpret` the function itself."""
-        if getattr(_thread, "interprets", False):
-            return self.py_func(*arguments, **named)
+        """Call the compiled function."""
         try:
             result: R = self.compiled(*arguments, **named)
         except SystemError as error:
@@ -58,11 +60,28 @@ class Kernel(Generic[P, R]):
 
     def interpret(self, *arguments: P.args, **named: P.kwargs) -> R:
         """Call the function, and the kernels that it calls, without the compiler."""
-        _thread.interprets = True
-        try:
-            return self.py_func(*arguments, **named)
-        finally:
-            _thread.interprets = False
+        return self._interpreted(*arguments, **named)
+
+    @cached_property
+    def _interpreted(self) -> Callable[P, R]:
+        """The function with the functions of the kernels that it calls in place of these."""
+        function = cast(FunctionType, self.py_func)
+        called = {name: function.__globals__.get(name) for name in function.__code__.co_names}
+        kernels = {name: value._interpreted for name, value in called.items() if isinstance(value, Kernel)}
+        return FunctionType(function.__code__, function.__globals__ | kernels, argdefs=function.__defaults__)
+
+
+@contextmanager
+def _without(package: str) -> Iterator[None]:
+    """Have a package that is not imported yet not found within this context."""
+    absent = package not in sys.modules
+    if absent:
+        sys.modules[package] = cast(Any, None)
+    try:
+        yield
+    finally:
+        if absent:
+            sys.modules.pop(package, None)
 
 
 def kernel(*, nogil: bool = True) -> Callable[[Callable[P, R]], Kernel[P, R]]:

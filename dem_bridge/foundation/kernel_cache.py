@@ -10,6 +10,7 @@ compiled anew. Files are written under another name and renamed, so that process
 from __future__ import annotations
 
 import hashlib
+import importlib
 import os
 import pickle
 import re
@@ -27,6 +28,7 @@ from numba.core import types
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
+from numba.np import linalg
 
 from dem_bridge.errors import OF_DAMAGED_DATA
 from dem_bridge.foundation.files import opened
@@ -57,6 +59,18 @@ _NOT_CODE = re.compile(
 
 #: numba's own, which have no types
 _rebuild, _dumps = cast(Any, CompileResult)._rebuild, cast(Any, dumps)
+
+
+def _defer_blas() -> None:
+    """Have numba look for the routines of scipy.linalg when a function needs them, and not at once, for 0.2 s."""
+    ensure, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath")  # where numba asks whether they are there
+    finally:
+        linalg.ensure_blas = ensure
+
+
+_defer_blas()
 
 
 def compile_function(function: Callable[..., Any], *, nogil: bool) -> Any:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from dem_bridge.errors import RunBroken
 
 _MAGIC = b"DUMPCUSTOM"
+#: bytes of the header of a frame that may differ from frame to frame: its step, and the box
+_STEP, _BOX = slice(26, 34), slice(70, 118)
 
 
 def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -33,6 +35,8 @@ def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArr
     frames: list[NDArray[np.float64]] = []
     at = 0
     try:
+        if (alike := _frames_alike(data, columns, path.name)) is not None:
+            return alike
         while at < len(data):
             step, values, at = _frame(data, at, path.name)
             frames.append(values.reshape(-1, columns))
@@ -45,6 +49,27 @@ def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArr
     if len(sizes) > 1:
         raise RunBroken(f"{path.name}: the number of atoms changes from frame to frame: {sorted(sizes)}")
     return np.array(steps, dtype=np.int64), np.array(frames)
+
+
+def _frames_alike(data: bytes, columns: int, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """Return steps and values of a dump all of whose frames are laid out as the first one; None for any other.
+
+    They are read at once, which takes a tenth of the time of a loop.
+    """
+    if not data:
+        return None
+    _, values, size = _frame(data, 0, name)
+    start = size - values.nbytes
+    if len(data) % size or struct.unpack_from("=2i", data, start - 8) != (1, values.size):
+        return None
+    frames = np.frombuffer(data, dtype=np.uint8).reshape(-1, size)
+    same = np.ones(start, dtype=np.bool_)
+    same[_STEP] = same[_BOX] = False
+    header = frames[:, :start][:, same]
+    if not np.array_equal(header, np.broadcast_to(header[0], header.shape)):
+        return None
+    steps = np.ascontiguousarray(frames[:, _STEP]).view(np.int64)[:, 0]
+    return steps, np.ascontiguousarray(frames[:, start:]).view(np.float64).reshape(len(frames), -1, columns)
 
 
 def _frame(data: bytes, at: int, name: str) -> tuple[int, NDArray[np.float64], int]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
 
 import numba
 import pytest
@@ -34,6 +36,43 @@ def test_a_kernel_calls_another_and_is_compiled_when_it_is_called() -> None:
 def test_a_backend_is_imported_without_numba(backend: str) -> None:
     code = f"import sys, dem_bridge.backends.{backend}; sys.exit('numba' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+#: runs with its path in the first argument, for a kernel needs a file
+LEAN = """
+import sys
+import numpy as np
+from dem_bridge.foundation.compiled import kernel
+
+
+@kernel()
+def plain(rows):
+    return rows[0, 0] + 1.0
+
+
+@kernel()
+def product(rows):
+    return np.dot(rows, rows.T)[0, 1] + np.cov(rows)[0, 1]
+
+
+rows = np.array([[1.0, 2.0], [3.0, 5.0]])
+assert plain(rows) == 2.0
+assert not {"coverage", "scipy.linalg"} & set(sys.modules)
+assert product(rows) == 14.0
+assert "scipy.linalg" in sys.modules
+import coverage
+"""
+
+
+def test_the_first_kernel_imports_no_linear_algebra_and_a_kernel_that_needs_it_does(tmp_path: Path) -> None:
+    (tmp_path / "lean.py").write_text(LEAN, encoding="utf-8")
+    done = subprocess.run([sys.executable, str(tmp_path / "lean.py")], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_function_is_interpreted_with_those_that_it_calls() -> None:
+    # of numbers that numba does not know
+    assert _cube.interpret(Fraction(2, 3)) == Fraction(8, 27)
 
 
 def test_walls_and_laws_need_no_kernels_of_their_own() -> None:

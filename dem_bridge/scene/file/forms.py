@@ -32,13 +32,13 @@ AboveZero = Annotated[float, ABOVE_ZERO]
 class Table(BaseModel):
     """A table that rejects unknown keys, wrong types and numbers that are not finite."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 class RawTable(Table):
     """A table whose numbers are checked by the Scene, infinities included."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=True)
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=True, defer_build=True)
 
 
 # tables of all forms
