@@ -86,7 +86,7 @@ def export_table(
     **settings: Any,
 ) -> tuple[Table, str | bytes]:
     """Return a table as data and as :func:`export` returns it, and write it if ``path`` is given."""
-    from dem_bridge.formats.tables.text import format_for, render
+    from dem_bridge.formats.tables.render import format_for, render
 
     path = None if path is None else Path(path)
     chosen = format_for(format, path, table)
@@ -142,7 +142,7 @@ def table_of(scene: Scene | str | Path, table: str, *, with_run: bool = True, **
     """
     check_arguments(table_of, locals())
     from dem_bridge.api.runs import solve
-    from dem_bridge.formats.tables.tables import table_named
+    from dem_bridge.formats.tables.catalogue import table_named
 
     build, needs_run, names = table_named(table)
     scene = scene_of(scene)

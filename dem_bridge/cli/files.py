@@ -247,7 +247,7 @@ def export(
         settings["with_run"] = False
     with terminal.fraction(f"table {table} of {scene}"):
         from dem_bridge.api.files import export_table
-        from dem_bridge.formats.tables.text import format_for
+        from dem_bridge.formats.tables.render import format_for
 
         chosen = format_for("csv" if format is None and output is None else format, output, table)
         if chosen == "parquet" and output is None:

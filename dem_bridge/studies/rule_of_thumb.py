@@ -23,7 +23,7 @@ from dem_bridge.report.columns import MICROSECOND, PERCENT, Column
 from dem_bridge.report.study import FigureData, Series, Study, Table
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, Result, run_groups
-from dem_bridge.runs.campaign.sweep import table_of
+from dem_bridge.runs.campaign.results import table_of
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.file import load_scene, shipped_scenes
@@ -77,7 +77,7 @@ class SceneErrors:
     stable: float
     """s: 2/omega of the stiffest contact of a coarse run, the limit of stability of one contact alone."""
     table: pd.DataFrame | None = None
-    """Sweep against the reference (:func:`dem_bridge.runs.campaign.sweep.table_of`) with a column ``share``."""
+    """Sweep against the reference (:func:`dem_bridge.runs.campaign.results.table_of`) with a column ``share``."""
     engine: dict[float, float] = field(default_factory=dict)
     """Share -> largest velocity difference between LAMMPS and the twin, relative to the largest velocity."""
     reason: str = ""

@@ -27,7 +27,7 @@ from dem_bridge.report.columns import DEGREE, PERCENT, Column
 from dem_bridge.report.study import FigureData, Map, Panel, Series, Study, Table, check_setting
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Jobs, Progress, Result, run_cases
-from dem_bridge.runs.campaign.sweep import table_of
+from dem_bridge.runs.campaign.results import table_of
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.file.physical import rounded

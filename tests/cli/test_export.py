@@ -38,8 +38,8 @@ def _one_line(done: Result, *parts: str) -> None:
 
 
 def test_the_words_of_the_command_are_those_of_the_package() -> None:
-    from dem_bridge.formats.tables import tables
-    from dem_bridge.formats.tables import text as formats
+    from dem_bridge.formats.tables import catalogue as tables
+    from dem_bridge.formats.tables import render as formats
 
     assert tuple(tables.TABLES) == choices("export", "table")
     assert tuple(formats.FORMATS) == choices("export", "format")

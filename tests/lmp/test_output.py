@@ -113,12 +113,8 @@ def test_frames_that_are_laid_out_alike_are_read_as_by_the_loop(tmp_path: Path) 
     rows = np.random.default_rng(3).standard_normal((7, 3, 4))
     alike = [frame(step, values.tolist()) for step, values in enumerate(rows)]
     # a frame of two ranks has its atoms in another order, and that without a time is shorter
-    others = {"chunks": (2, [0, 2, 1]), "time": (None, [0, 1, 2])}
-    forms = [
-        ([], []),
-        *(([frame(7, rows[0].tolist(), **{key: value})], [order]) for key, (value, order) in others.items()),
-    ]  # type: ignore[arg-type]
-    for last, orders in forms:
-        steps, values = read_binary_dump(_file(tmp_path, *alike, *last), columns=4)
-        assert steps.tolist() == list(range(7 + len(last)))
-        assert values.tobytes() == np.concatenate([rows, *(rows[:1, order] for order in orders)]).tobytes()
+    two_ranks, no_time = frame(7, rows[0].tolist(), chunks=2), frame(7, rows[0].tolist(), time=None)
+    for last, order in ((b"", []), (two_ranks, [[0, 2, 1]]), (no_time, [[0, 1, 2]])):
+        steps, values = read_binary_dump(_file(tmp_path, *alike, last), columns=4)
+        assert steps.tolist() == list(range(7 + len(order)))
+        assert values.tobytes() == np.concatenate([rows, *(rows[:1, each] for each in order)]).tobytes()

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
-from dem_bridge.formats.readers.digits import check_texts, numbers, texts_of
+from dem_bridge.formats.readers.rounding import check_texts, numbers, texts_of
 from dem_bridge.trajectory.trajectory import Floats
 
 #: extra columns of files written by dem_bridge; m, N, N

@@ -21,11 +21,12 @@ import numpy as np
 
 from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
 from dem_bridge.formats.readers.arrays import read_npy, read_npz, table_of_netcdf
-from dem_bridge.formats.readers.assemble import Choices, draft_of_table
-from dem_bridge.formats.readers.chain import draft_of_frames
-from dem_bridge.formats.readers.digits import texts_of
+from dem_bridge.formats.readers.column_meaning import Choices
+from dem_bridge.formats.readers.columns_to_record import draft_of_table
 from dem_bridge.formats.readers.dumps import FrameCollector, Frames, looks_like_xyz, read_ase, read_dump, read_xyz
+from dem_bridge.formats.readers.frames_to_record import draft_of_frames
 from dem_bridge.formats.readers.record import Record
+from dem_bridge.formats.readers.rounding import texts_of
 from dem_bridge.formats.readers.tables import Table, read_text
 from dem_bridge.formats.readers.vtk import frame_of, places, read_legacy, read_pvd, read_xml
 from dem_bridge.foundation import guests

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers.digits import restored_times
+from dem_bridge.formats.readers.rounding import restored_times
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers.digits import texts_of
 from dem_bridge.formats.readers.headings import heading_of
+from dem_bridge.formats.readers.rounding import texts_of
 from dem_bridge.formats.units import VALUES
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)

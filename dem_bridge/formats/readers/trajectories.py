@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers.assemble import Choices, draft_of_table
-from dem_bridge.formats.readers.chain import axis_of, draft_of_frames, style_of
-from dem_bridge.formats.readers.digits import rounding_error
+from dem_bridge.formats.readers.column_meaning import Choices
+from dem_bridge.formats.readers.columns_to_record import draft_of_table
 from dem_bridge.formats.readers.dumps import Frames
+from dem_bridge.formats.readers.frames_to_record import axis_of, draft_of_frames, style_of
 from dem_bridge.formats.readers.read import damage_as_usage_error, load, series
 from dem_bridge.formats.readers.record import Record
+from dem_bridge.formats.readers.rounding import rounding_error
 from dem_bridge.formats.units import STYLES
 from dem_bridge.observables.interpolate import KNOWN_FORCES
 from dem_bridge.scene.scene import Scene

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers.digits import texts_of
 from dem_bridge.formats.readers.dumps import EXTRA_COLUMNS, GROUPS, grouped
 from dem_bridge.formats.readers.headings import heading_of
+from dem_bridge.formats.readers.rounding import texts_of
 
 #: numpy types of the type names of legacy and XML files
 _TYPES = {

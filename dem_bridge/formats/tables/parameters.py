@@ -16,8 +16,7 @@ from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.surrogate_radius import radius_of
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.formats.tables.columns import COLUMNS
-from dem_bridge.formats.tables.table import Table, tabulate
+from dem_bridge.formats.tables.table import COLUMNS, Table, tabulate
 from dem_bridge.lmp.coefficients import GRANULAR_STYLE, Laws, laws, line_order, pairs
 from dem_bridge.lmp.encoding import Types, body_types
 from dem_bridge.lmp.pairing import granular

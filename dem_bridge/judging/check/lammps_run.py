@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dem_bridge.formats.readers.assemble import Choices
-from dem_bridge.formats.readers.chain import draft_of_frames
+from dem_bridge.formats.readers.column_meaning import Choices
 from dem_bridge.formats.readers.dumps import read_dump
+from dem_bridge.formats.readers.frames_to_record import draft_of_frames
 from dem_bridge.foundation.compiled import Ints
 from dem_bridge.judging.deck import DeckRun
 from dem_bridge.judging.model import Model

@@ -9,9 +9,9 @@ from types import MappingProxyType
 from typing import Any
 
 from dem_bridge.foundation.notebook import plan_html, plan_text
-from dem_bridge.runs.planning.check import Candidate, Settled, observed_order
-from dem_bridge.runs.planning.options import Option, Options
+from dem_bridge.runs.planning.backend_options import Option, Options
 from dem_bridge.runs.planning.predict import tidy
+from dem_bridge.runs.planning.trials import Candidate, Settled, observed_order
 
 #: settings whose errors a reason lists
 LISTED = 3

@@ -25,7 +25,9 @@ from dem_bridge.observables.accuracy import checked_accuracy
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.costs import WITH_UNCERTAINTY
 from dem_bridge.runs.planning.answer import Plan, answer, beyond, errors_by_setting, evidence_of
-from dem_bridge.runs.planning.check import (
+from dem_bridge.runs.planning.backend_options import MOST_STEPS, THEORIES, Option, Options
+from dem_bridge.runs.planning.predict import OF_RTOL
+from dem_bridge.runs.planning.trials import (
     FINEST,
     LEAST_RTOL,
     MARGIN,
@@ -38,8 +40,6 @@ from dem_bridge.runs.planning.check import (
     measured_uncertainty,
     settle,
 )
-from dem_bridge.runs.planning.options import MOST_STEPS, THEORIES, Option, Options
-from dem_bridge.runs.planning.predict import OF_RTOL
 from dem_bridge.runs.uncertainty.estimate import solve
 from dem_bridge.runs.uncertainty.extrapolate import extrapolate
 from dem_bridge.runs.uncertainty.fixed_step import last_digit

@@ -15,9 +15,9 @@ import xarray as xr
 import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import read_record
-from dem_bridge.formats.readers.digits import numbers, restored_times, rounding_error, rounding_of_values
 from dem_bridge.formats.readers.headings import Heading, heading_of
 from dem_bridge.formats.readers.read import with_step
+from dem_bridge.formats.readers.rounding import numbers, restored_times, rounding_error, rounding_of_values
 from dem_bridge.scene.scene import Scene
 from tests.helpers.export_chains import CROSSED, PAIR
 from tests.helpers.export_runs import foreign_dump, made_up

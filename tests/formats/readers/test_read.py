@@ -658,7 +658,7 @@ def test_lines_values_and_characters_together_are_limited(tmp_path: Path, monkey
     for name, problem in {
         "read.MOST_LINES": "more than 20 lines",
         "tables._MOST_VALUES": "more than 20 values",
-        "digits._MOST_CHARACTERS": "has 21 numbers of up to 1 characters",
+        "rounding._MOST_CHARACTERS": "has 21 numbers of up to 1 characters",
     }.items():
         with monkeypatch.context() as patch:
             patch.setattr(f"dem_bridge.formats.readers.{name}", 20)

@@ -18,7 +18,7 @@ from ase.calculators.singlepoint import SinglePointCalculator
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers.digits import rounding_error
+from dem_bridge.formats.readers.rounding import rounding_error
 from dem_bridge.formats.units import STYLES as UNITS
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.scene.drive import Drive

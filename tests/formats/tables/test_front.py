@@ -45,7 +45,7 @@ def test_bars_hold_between_a_coarse_run_and_the_reference() -> None:
 
 def test_a_bar_as_long_as_the_residence_leaves_no_bar_of_the_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     run = db.solve(CROSSED, backend="reference", uncertainty=False)
-    from dem_bridge.formats.tables.tables import observables
+    from dem_bridge.formats.tables.catalogue import observables
 
     frame = observables(CROSSED, run).to_pandas()
     assert frame["front_speed_per_s"][1] > 0.0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.formats.tables.tables import ledger
+from dem_bridge.formats.tables.catalogue import ledger
 from dem_bridge.scene.scene import Damping, Scene
 
 #: two bodies on a linear spring and a dashpot, in the middle of their collision at the end

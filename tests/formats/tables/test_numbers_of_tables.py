@@ -12,8 +12,8 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
+from dem_bridge.formats.tables.render import as_json, as_markdown
 from dem_bridge.formats.tables.table import Table
-from dem_bridge.formats.tables.text import as_json, as_markdown
 from dem_bridge.formats.writers import centres, format_of, text_of
 from dem_bridge.physics.hertz import crossed_cylinders
 from dem_bridge.scene.scene import Scene

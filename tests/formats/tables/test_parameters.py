@@ -17,8 +17,8 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.formats.tables.parameters import NOTES, contacts
+from dem_bridge.formats.tables.render import as_markdown, as_tex
 from dem_bridge.formats.tables.table import Table
-from dem_bridge.formats.tables.text import as_markdown, as_tex
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.physics.hertz import crossed_cylinders
 from dem_bridge.scene.geometry import Body, Geometry

@@ -11,9 +11,11 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends.base import Sampling
 from dem_bridge.errors import UsageError
-from dem_bridge.runs.planning import check, options, planner
-from dem_bridge.runs.planning.check import Candidate, Judge, Settled, Trial, confirm, settle
+from dem_bridge.runs.planning import backend_options as options
+from dem_bridge.runs.planning import planner
+from dem_bridge.runs.planning import trials as check
 from dem_bridge.runs.planning.predict import tidy
+from dem_bridge.runs.planning.trials import Candidate, Judge, Settled, Trial, confirm, settle
 from dem_bridge.scene.scene import Scene
 from tests.runs.planning.test_planner import FIVE, PAIR
 

@@ -14,7 +14,8 @@ import dem_bridge as db
 from dem_bridge.backends.base import BACKENDS, Resolution, Sampling
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.runs.planning import check, planner
+from dem_bridge.runs.planning import planner
+from dem_bridge.runs.planning import trials as check
 from dem_bridge.runs.planning.answer import Plan
 from dem_bridge.runs.planning.predict import OF_RTOL, OF_STEP, Outlook
 from dem_bridge.scene.scene import Damping, Scene
@@ -454,7 +455,7 @@ def test_a_floor_above_the_finest_setting_is_not_that_of_the_finest(
         _plan(1e-3, "verlet")
     # at most a half more steps than the last trial had
     monkeypatch.setattr(
-        "dem_bridge.runs.planning.options.MOST_STEPS", 1.5 * PAIR.duration / world.settings("verlet")[-1]
+        "dem_bridge.runs.planning.backend_options.MOST_STEPS", 1.5 * PAIR.duration / world.settings("verlet")[-1]
     )
     with pytest.raises(UsageError, match=floor):
         _plan(1e-3, "verlet")

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.scene_prescan import prescan_scene
-from dem_bridge.runs.planning.check import AIM, CLOSE, MARGIN, Candidate, Judge, observed_order
 from dem_bridge.runs.planning.predict import OF_RTOL, OF_STEP, Outlook
+from dem_bridge.runs.planning.trials import AIM, CLOSE, MARGIN, Candidate, Judge, observed_order
 from dem_bridge.scene.scene import Scene
 from tests.helpers.strategies import examples
 

@@ -20,11 +20,11 @@ from dem_bridge.observables.errors import relative_error
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.runs.costs import WITH_UNCERTAINTY
-from dem_bridge.runs.planning import check as plan_check
 from dem_bridge.runs.planning import planner
+from dem_bridge.runs.planning import trials as plan_check
 from dem_bridge.runs.planning.answer import Plan
-from dem_bridge.runs.planning.check import Settled, Trial, accepted, confirm, settle
 from dem_bridge.runs.planning.predict import OF_STEP, tidy
+from dem_bridge.runs.planning.trials import Settled, Trial, accepted, confirm, settle
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.driven_chains import PRESSED

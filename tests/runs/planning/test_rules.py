@@ -14,11 +14,11 @@ import dem_bridge as db
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.runs.planning import check
+from dem_bridge.runs.planning import trials as check
 from dem_bridge.runs.planning.answer import errors_by_setting, evidence_of
-from dem_bridge.runs.planning.check import Candidate, Judge, Settled, Trial, confirm, observed_order, settle
-from dem_bridge.runs.planning.options import Options
+from dem_bridge.runs.planning.backend_options import Options
 from dem_bridge.runs.planning.predict import OF_RTOL, OF_STEP, Outlook
+from dem_bridge.runs.planning.trials import Candidate, Judge, Settled, Trial, confirm, observed_order, settle
 from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from tests.runs.planning.test_planner import DAMPED, FIVE, PAIR, SOFT

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from dem_bridge.runs.planning.check import MARGIN, Candidate, Settled, Trial, accepted, confirm, settle
+from dem_bridge.runs.planning.trials import MARGIN, Candidate, Settled, Trial, accepted, confirm, settle
 
 
 def _made_up(error: Callable[[float], float]) -> Callable[[float], Trial]:

@@ -18,8 +18,8 @@ from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.steps import order_on
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.observables.registry import observable_named
-from dem_bridge.runs.planning.check import LEAST_RTOL, Candidate, Settled, Trial
 from dem_bridge.runs.planning.predict import OF_RTOL, OF_STEP, ErrorLaw, Outlook
+from dem_bridge.runs.planning.trials import LEAST_RTOL, Candidate, Settled, Trial
 from dem_bridge.scene.scene import Scene
 
 #: largest number of steps of a planned fixed-step run

@@ -20,8 +20,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.tables.table import Cell, Table, with_uncertainty
-from dem_bridge.formats.tables.text import (
+from dem_bridge.formats.tables.render import (
     FORMATS,
     SUFFIXES,
     as_csv,
@@ -31,6 +30,7 @@ from dem_bridge.formats.tables.text import (
     as_tex,
     format_for,
 )
+from dem_bridge.formats.tables.table import Cell, Table, with_uncertainty
 from dem_bridge.formats.units import UNITS
 from tests.helpers.columns import counts, numbers, texts
 from tests.helpers.foreign_readers import NUMBER, read_markdown, read_tex

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers.assemble import Choices, from_sides
-from dem_bridge.formats.readers.digits import counted_times, scaled, step_of
+from dem_bridge.formats.readers.column_meaning import Choices
+from dem_bridge.formats.readers.columns_to_record import from_sides
 from dem_bridge.formats.readers.dumps import Frames
 from dem_bridge.formats.readers.record import Draft
+from dem_bridge.formats.readers.rounding import counted_times, scaled, step_of
 from dem_bridge.formats.units import STYLES
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
