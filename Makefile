@@ -39,17 +39,9 @@ test-all: $(STAMP)
 	$(BIN)/python -m pytest $(PYTEST)
 	$(BIN)/python -m tests.follow_the_page
 
+# all benchmarks; medians are kept in docs/bench.jsonl and compared with the last; ARGS="bench_paper" runs one of them
 bench: $(STAMP)
-	$(BIN)/python -m tests.bench.bench_backends
-	$(BIN)/python -m tests.bench.bench_lammps
-	$(BIN)/python -m tests.bench.bench_bars
-	$(BIN)/python -m tests.bench.bench_integrators
-	$(BIN)/python -m tests.bench.bench_paper
-	$(BIN)/python -m tests.bench.bench_horizon
-	$(BIN)/python -m tests.bench.bench_plan
-	$(BIN)/python -m tests.bench.bench_ensembles
-	$(BIN)/python -m tests.bench.bench_scale
-	$(BIN)/python -m tests.bench.bench_campaign
+	$(BIN)/python -m tests.bench.history $(ARGS)
 
 # docs/peers.md: one chain in other codes, judged; their packages are in an environment of their own
 peers: $(STAMP)

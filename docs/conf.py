@@ -21,6 +21,7 @@ extensions = [
     "numpydoc",
     "sphinx_click",
     "accessible",
+    "bench_history",
     "mathml",
     "notebooks",
     "site_checks",

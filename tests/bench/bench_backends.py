@@ -66,7 +66,7 @@ def bare_engine(extent: Extent) -> Iterator[Row]:
         lines = deck.read_text().splitlines()
         deck.write_text("\n".join(line for line in lines if not line.startswith("dump")) + "\n")
         work = partial(run_deck, folder, deck.name, time_limit=600.0)
-        yield Row(extent.scene.name, "bare LAMMPS in a child", wall_seconds(work, extent.rounds))
+        yield Row(extent.scene.name, "bare LAMMPS in a child", wall_seconds(work, extent.rounds, "bare LAMMPS"))
 
 
 def solves(extent: Extent) -> Iterator[Row]:
@@ -82,7 +82,7 @@ def solves(extent: Extent) -> Iterator[Row]:
         forces = work().cost.force_evaluations
         how = "with" if chosen["uncertainty"] else "without"
         label = f"{name}, {how} uncertainty"
-        yield Row(extent.scene.name, label, wall_seconds(work, extent.rounds), f"{forces:,} forces")
+        yield Row(extent.scene.name, label, wall_seconds(work, extent.rounds, label), f"{forces:,} forces")
 
 
 def decelerating(cylinders: int) -> Scene:
@@ -106,7 +106,8 @@ def fronts(extent: Extent) -> Iterator[Row]:
     for cylinders in extent.fronts:
         work = partial(db.solve, decelerating(cylinders), backend="reference", uncertainty=False)
         reached = int(np.sum(np.isfinite(work().crossing_time)))
-        seconds = wall_seconds(work, 1 if cylinders > 1_000 else extent.rounds)
+        rounds = 1 if cylinders > 10_000 else extent.rounds
+        seconds = wall_seconds(work, rounds, f"reference, a front through {cylinders:,}")
         remark = f"{1e3 * statistics.median(seconds) / reached:.4f} ms for a cylinder"
         yield Row("reference on a front", f"{cylinders:,} cylinders", seconds, remark)
 
@@ -115,7 +116,7 @@ def command_line(extent: Extent) -> Iterator[Row]:
     """Measure ``dem-bridge --help``."""
     words = [sys.executable, "-m", "dem_bridge.cli", "--help"]
     work = partial(subprocess.run, words, check=True, capture_output=True)
-    yield Row("command line", "dem-bridge --help", wall_seconds(work, 2 * extent.rounds))
+    yield Row("command line", "dem-bridge --help", wall_seconds(work, 2 * extent.rounds, "dem-bridge --help"))
 
 
 PARTS: tuple[Callable[[Extent], Iterator[Row]], ...] = (bare_engine, solves, fronts, command_line)

@@ -221,12 +221,16 @@ def overhead(extent: Extent) -> Iterator[Row]:
 
         alone = script(bare)
         dumped = script(whole)
-        solve = median_seconds(lambda: db.solve(scene, backend="lammps-granular", dt=extent.dt), rounds)
+        solve = median_seconds(
+            lambda: db.solve(scene, backend="lammps-granular", dt=extent.dt), rounds, "db.solve, warm"
+        )
         settings: dict[str, Any] = {"backend": "lammps-granular", "dt": extent.dt, "uncertainty": False}
         run_alone = median_seconds(lambda: db.solve(scene, **settings), rounds)
         words = [sys.executable, "-m", "dem_bridge.cli", "run", scene.name]
         words += ["--backend", "lammps-granular", "--dt", f"{extent.dt}"]
-        cold = median_seconds(lambda: subprocess.run(words, check=True, capture_output=True), extent.repeats(5))
+        cold = median_seconds(
+            lambda: subprocess.run(words, check=True, capture_output=True), extent.repeats(5), "dem-bridge run, cold"
+        )
     yield "sampling, 500 samples with peaks and crossings", "<= 1.15 times the bare run", f"{dumped / alone:.2f} times"
     yield (
         "warm db.solve with (without) uncertainty",
