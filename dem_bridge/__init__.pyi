@@ -27,7 +27,7 @@ from dem_bridge.formats.tables.angles import angles_for as angles_for
 from dem_bridge.judging.check.answer import Check as Check
 from dem_bridge.judging.judgement import Judgement as Judgement
 from dem_bridge.lmp.engine import Engine as Engine
-from dem_bridge.observables.accuracy import observed_order as observed_order
+from dem_bridge.observables.convergence import observed_order as observed_order
 from dem_bridge.physics.contact_law import ContactLaw as ContactLaw
 from dem_bridge.physics.contact_law import law_of as law_of
 from dem_bridge.report.study import Study as Study

@@ -234,9 +234,9 @@ def test_only_its_own_module_imports_dask_and_only_when_it_connects() -> None:
 
 def test_only_scene_files_defects_and_texts_and_names_of_studies_are_parsed() -> None:
     importers = {name for name in _importers("tomllib") if name != "studies.extremes.catalogue"}
-    scenes = {f"scene.{name}" for name in ("file.load", "file.text", "shipped")}
+    scenes = {f"scene.{name}" for name in ("file.load", "file.write", "shipped")}
     assert importers == {"api.guests", "lmp.known_defects", "report.texts", *scenes}
-    assert _importers("pydantic") == {"scene.file.load", "scene.file.forms", "scene.file.body_forms"}
+    assert _importers("pydantic") == {"scene.file.load", "scene.file.forms"}
 
 
 def test_only_the_process_starts_processes_for_lammps_and_one_reads_files_in_a_child() -> None:
@@ -251,7 +251,7 @@ def test_lower_layers_know_numpy_and_scipy_alone() -> None:
         "dem_bridge.foundation.kernel_cache": {"numba", "llvmlite"},
         "dem_bridge.foundation.notebook": {"jinja2"},
         "dem_bridge.foundation.netcdf": {"h5py", "h5netcdf"},
-        **{f"dem_bridge.scene.file.{name}": {"pydantic"} for name in ("load", "forms", "body_forms")},
+        **{f"dem_bridge.scene.file.{name}": {"pydantic"} for name in ("load", "forms")},
     }
     for name in INNER:
         if FLOOR_OF[_part(name)] <= FLOOR_OF["scene"]:

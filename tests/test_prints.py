@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import dem_bridge as db
-from dem_bridge.foundation.summary import MOST_LINES, WIDTH, counted, summary
+from dem_bridge.foundation.wording import MOST_LINES, WIDTH, counted, summary
 
 PAIR = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 TRIPLE = db.Scene(

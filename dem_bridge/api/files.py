@@ -11,7 +11,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.foundation.files import check_file, write_whole
 from dem_bridge.scene.file import load_scene, parse_scene, scene_of, shipped_scenes
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory, load_trajectory
 

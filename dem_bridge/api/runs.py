@@ -23,7 +23,7 @@ from dem_bridge.errors import UnsupportedScene, UsageError, shown
 from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.foundation.files import write_whole
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.observables.accuracy import checked_accuracy
+from dem_bridge.observables.convergence import checked_accuracy
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty.estimate import solve as solve_case

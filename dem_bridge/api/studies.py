@@ -14,7 +14,7 @@ from dem_bridge.foundation.files import check_report_folder
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.file import scene_of
-from dem_bridge.scene.file.measurement import measurement_of
+from dem_bridge.scene.file.load import measurement_of
 from dem_bridge.scene.scene import Scene
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.foundation.files import check_report_folder, write_whole
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.observables.accuracy import checked_accuracy
+from dem_bridge.observables.convergence import checked_accuracy
 from dem_bridge.runs.store import default_folder
 from dem_bridge.scene.file import scene_of
 from dem_bridge.scene.scene import Scene

@@ -25,12 +25,11 @@ from dem_bridge.backends.tabled import measured, predicted_energy_error, predict
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
 from dem_bridge.foundation import progress
 from dem_bridge.foundation.stopwatch import Stopwatch
-from dem_bridge.lmp.coefficients import GRANULAR_STYLE, TABLE_STYLE, line_order
+from dem_bridge.lmp.binary_dump import read_binary_dump
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of, positions
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_of
-from dem_bridge.lmp.output import read_binary_dump
-from dem_bridge.lmp.pairing import TableSet
+from dem_bridge.lmp.pair_coefficients import GRANULAR_STYLE, TABLE_STYLE, TableSet, line_order
 from dem_bridge.lmp.process import EngineReport, check_room, loading_worker, require, run_deck, workspace
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory

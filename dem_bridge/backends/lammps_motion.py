@@ -10,9 +10,9 @@ import numpy as np
 
 from dem_bridge.backends.lammps import checked_values, dense_of
 from dem_bridge.backends.splitting import Motion
+from dem_bridge.lmp.binary_dump import read_binary_dump
 from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.session import Session, session
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene

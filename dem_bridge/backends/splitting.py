@@ -21,7 +21,7 @@ from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.steps import Dense, check_finite, read_off, touching_in_flight
 from dem_bridge.foundation.compiled import Floats, Ints, interruptible, kernel
 from dem_bridge.foundation.stopwatch import Stopwatch
-from dem_bridge.lmp.cell import pair_force
+from dem_bridge.lmp.table_cell import pair_force
 from dem_bridge.scene import features
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.scene import Scene
@@ -55,7 +55,7 @@ class Tables(NamedTuple):
     law: NDArray[np.int64]
     """Row below for each contact; -1: the law itself. Empty: all have the law itself."""
     frame: NDArray[np.float64]
-    """``(n_law, 4)``: the numbers that :func:`~dem_bridge.lmp.cell.pair_force` takes."""
+    """``(n_law, 4)``: the numbers that :func:`~dem_bridge.lmp.table_cell.pair_force` takes."""
     value: NDArray[np.float64]
     second: NDArray[np.float64]
 

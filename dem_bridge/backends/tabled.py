@@ -16,11 +16,9 @@ from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.splitting import Tables
 from dem_bridge.backends.steps import Dense
 from dem_bridge.backends.surrogate_radius import radius_of
-from dem_bridge.lmp.coefficients import laws, line_order, pairs
-from dem_bridge.lmp.encoding import body_types
+from dem_bridge.lmp.force_table import LINES, Style
 from dem_bridge.lmp.interpolation import interpolated, interpolation_error
-from dem_bridge.lmp.pairing import MARGIN, TableSet, table_set
-from dem_bridge.lmp.table import LINES, Style
+from dem_bridge.lmp.pair_coefficients import MARGIN, TableSet, body_types, laws, line_order, pairs, table_set
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
 

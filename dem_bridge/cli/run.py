@@ -14,7 +14,7 @@ from dem_bridge.cli import options, terminal
 from dem_bridge.cli.compiling import announce_compiling
 from dem_bridge.cli.parameters import POSITIVE, Option, check_output, make_command, print_json
 from dem_bridge.errors import UsageError
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.wording import share
 
 if TYPE_CHECKING:
     from dem_bridge.scene.scene import Scene

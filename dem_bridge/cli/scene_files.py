@@ -126,7 +126,7 @@ def deck(script: Path, output: Path, force: bool, variables: tuple[tuple[str, st
     """Convert SCRIPT, a LAMMPS input script in which every body is a sphere on one line."""
     from dem_bridge.api.scenes import deck_read
     from dem_bridge.lmp.known_defects import known_defects
-    from dem_bridge.lmp.mixing import mixing_warning, stated_release
+    from dem_bridge.lmp.reader.mixing import mixing_warning, stated_release
 
     check_new(output, force)
     read = deck_read(script, variables=dict(variables), **settings)
@@ -197,7 +197,7 @@ import_group = click.Group("import", [deck, csv], help="Convert CSV tables or a 
 
 def _write_scene(scene: Scene, output: Path, notes: Iterable[str], step: float = 0.0) -> None:
     """Write the scene file and print a summary of the scene; ``step`` is the time step of the script, s."""
-    from dem_bridge.scene.file.text import scene_toml
+    from dem_bridge.scene.file.write import scene_toml
 
     write_whole(output.parent, {output.name: scene_toml(scene)})
     for note in notes:

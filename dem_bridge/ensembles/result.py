@@ -12,9 +12,8 @@ import numpy as np
 from dem_bridge.ensembles.draw import Variation
 from dem_bridge.ensembles.solve import OBSERVABLES
 from dem_bridge.errors import UsageError
-from dem_bridge.foundation.notebook import ensemble_html, quantity
-from dem_bridge.foundation.notebook_sketch import histogram
-from dem_bridge.foundation.summary import summary
+from dem_bridge.foundation.notebook import ensemble_html, histogram, quantity
+from dem_bridge.foundation.wording import summary
 from dem_bridge.observables.registry import OBSERVABLES as REGISTRY
 from dem_bridge.trajectory.trajectory import Floats
 

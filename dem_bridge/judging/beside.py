@@ -15,7 +15,7 @@ from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_
 from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.formats.readers import Record, read_record
 from dem_bridge.foundation.notebook import quantity as amount
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.wording import share
 from dem_bridge.judging.deck import DeckRun, deck_run
 from dem_bridge.judging.foreign import TIME_LIMIT_S, Command, ForeignRun, default_steps, foreign_runs
 from dem_bridge.judging.judgement import Addition, Judgement

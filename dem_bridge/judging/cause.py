@@ -10,7 +10,7 @@ import numpy as np
 
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.formats.readers.record import Record
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.wording import share
 from dem_bridge.judging.diagnosis import (
     ERROR_OF_UNKNOWN_METHOD,
     LEAST_EFFECT_FLOORS,

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import BlockedScript, RunBroken, SceneError, UsageError
 from dem_bridge.foundation.files import MOST_BYTES, opened, text_of_file
+from dem_bridge.foundation.script_files import files_of
 from dem_bridge.judging.stated import differences, of_any_contact
+from dem_bridge.lmp.binary_dump import read_binary_dump
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.lmp.opening import files_of
-from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import run_deck, workspace
-from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
-from dem_bridge.lmp.reader.scene import ReadDeck, read_deck
+from dem_bridge.lmp.reader.conversion import ReadDeck, read_deck
+from dem_bridge.lmp.reader.evaluation import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.script import Command, Opened, Script, given_variables
 from dem_bridge.scene.scene import Scene
 

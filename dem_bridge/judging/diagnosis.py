@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.wording import share
 from dem_bridge.judging.chain_hypotheses import equal_radii, uniform_name
 from dem_bridge.judging.fitting import Fit, Stepping
 from dem_bridge.judging.hypotheses import Hypothesis

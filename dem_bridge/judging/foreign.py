@@ -23,7 +23,7 @@ from dem_bridge.foundation.files import write_whole
 from dem_bridge.foundation.numbers import check_number
 from dem_bridge.lmp.child import run_program
 from dem_bridge.lmp.process import workspace
-from dem_bridge.scene.file.text import scene_json, scene_toml
+from dem_bridge.scene.file.write import scene_json, scene_toml
 from dem_bridge.scene.scene import Scene
 
 #: default time steps: the largest is this part of 1/omega of the stiffest contact, each other half of the one before

@@ -18,8 +18,8 @@ from dem_bridge.judging.deck import DeckRun, UserDeck
 from dem_bridge.judging.reference import FileErrors
 from dem_bridge.judging.stated import changed, differences
 from dem_bridge.lmp.known_defects import defects_of
-from dem_bridge.lmp.mixing import mixing_warning
-from dem_bridge.lmp.reader.deck import UNITS
+from dem_bridge.lmp.reader.evaluation import UNITS
+from dem_bridge.lmp.reader.mixing import mixing_warning
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.judging.reference import FileErrors, QuantityErrors
-from dem_bridge.observables.accuracy import observed_order
+from dem_bridge.observables.convergence import observed_order
 from dem_bridge.trajectory.trajectory import Floats
 
 #: multiple of what digits and reference explain above which an error counts for the order: a tenth of it at most is

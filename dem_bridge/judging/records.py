@@ -11,7 +11,7 @@ import numpy as np
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers import Record
 from dem_bridge.foundation.numbers import check_number
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.wording import share
 from dem_bridge.judging.cause import diagnose
 from dem_bridge.judging.diagnosis import Diagnosis, alternative
 from dem_bridge.judging.judgement import EXPLAINED, Judgement

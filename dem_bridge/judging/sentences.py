@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterator, Mapping
 
 from dem_bridge.foundation.notebook import quantity as amount
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.wording import share
 from dem_bridge.judging.diagnosis import RIGHT
 from dem_bridge.judging.judgement import EXPLAINED, Judgement
 from dem_bridge.judging.reference import FileErrors, QuantityErrors

@@ -11,7 +11,7 @@ import numpy as np
 
 from dem_bridge.backends.base import versions_of
 from dem_bridge.backends.reference import SERIES
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.wording import share
 from dem_bridge.judging.judgement import Judgement
 from dem_bridge.judging.records import every_nth
 from dem_bridge.judging.reference import FileErrors, QuantityErrors

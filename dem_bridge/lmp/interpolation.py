@@ -18,8 +18,8 @@ import numpy as np
 
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.compiled import kernel
-from dem_bridge.lmp.cell import pair_force
-from dem_bridge.lmp.table import ContactTable, Style, finds_all_cells
+from dem_bridge.lmp.force_table import ContactTable, Style, finds_all_cells
+from dem_bridge.lmp.table_cell import pair_force
 from dem_bridge.physics.contact_law import ContactLaw, Floats
 
 
@@ -94,7 +94,7 @@ class Interpolation:
 
     @property
     def arguments(self) -> tuple[float, float, float, float, Floats, Floats]:
-        """Arguments of :func:`~dem_bridge.lmp.cell.pair_force` after ``rsq``."""
+        """Arguments of :func:`~dem_bridge.lmp.table_cell.pair_force` after ``rsq``."""
         h = self.spacing
         return self.inner_squared, h, 1.0 / h, h * h / 6.0, self.value, self.second
 

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.lmp.coefficients import coefficients, damping_model, line_order
 from dem_bridge.lmp.deck import Deck
+from dem_bridge.lmp.pair_coefficients import coefficients, damping_model, line_order
 from dem_bridge.physics.contact_law import Floats
 from dem_bridge.scene.scene import Scene
 

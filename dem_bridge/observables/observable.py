@@ -2,7 +2,7 @@
 
 A module of this folder declares its observables in a tuple ``DECLARED``, where :mod:`~dem_bridge.observables.registry`
 finds them. Windows in time or along the chain, and norms over what is inside, belong to the question that is asked and
-not to the observable: they are arguments of :meth:`Observable.read` and in :mod:`dem_bridge.observables.errors`.
+not to the observable: they are arguments of :meth:`Observable.read` and in :mod:`dem_bridge.observables.differences`.
 """
 
 from __future__ import annotations

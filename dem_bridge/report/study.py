@@ -18,7 +18,7 @@ import numpy as np
 
 from dem_bridge.foundation.notebook import study_html
 from dem_bridge.foundation.numbers import check_number
-from dem_bridge.foundation.summary import counted, summary
+from dem_bridge.foundation.wording import counted, summary
 from dem_bridge.observables.verdict import Outcome, Verdict, exit_code, plain
 from dem_bridge.trajectory.trajectory import Floats
 

@@ -23,16 +23,16 @@ PACKAGE = Path(__file__).parents[1]
 #: modules, and folders of them, that schedule, keep, judge or show runs: no number of a trajectory passes through them.
 #: What is not listed is in the keys of all runs that import it, wherever it lives
 NOT_IN_RUNS = (
-    "api", "cli", "ensembles", "formats", "foundation.guests", "foundation.notebook", "foundation.notebook_sketch",
-    "foundation.presenters", "foundation.summary", "judging", "observables.differences", "observables.verdict", "plot",
+    "api", "cli", "ensembles", "formats", "foundation.guests", "foundation.notebook",
+    "foundation.presenters", "foundation.wording", "judging", "observables.differences", "observables.verdict", "plot",
     "report", "runs.cache", "runs.campaign", "runs.case", "runs.code", "runs.costs", "runs.digits", "runs.inspect",
     "runs.keys", "runs.locks", "runs.planning", "runs.recall", "runs.store", "studies", "trajectory.shown",
     "verification",
 )  # fmt: skip
 #: modules, and folders of them, that no number of a study passes through
 NOT_IN_STUDIES = (
-    "api", "cli", "formats.tables", "formats.writers", "foundation.notebook", "foundation.notebook_sketch",
-    "foundation.presenters", "foundation.summary", "plot", "report.colours", "report.drawing", "report.drawing_names",
+    "api", "cli", "formats.tables", "formats.writers", "foundation.notebook",
+    "foundation.presenters", "foundation.wording", "plot", "report.colours", "report.drawing", "report.drawing_names",
     "report.drawing_styles", "report.images", "report.live", "report.page", "report.pages", "report.styles",
     "report.templates", "runs.campaign.cluster", "trajectory.shown", "verification.banner", "verification.bundle",
     "verification.chains", "verification.crate", "verification.figures", "verification.junit", "verification.motion",
@@ -182,8 +182,8 @@ def _imports(module: str, package: Path) -> frozenset[str]:
 def imported_names(text: str) -> set[str]:
     """Return the modules and names that the text of a module imports, within functions too, but not for types alone.
 
-    >>> sorted(imported_names("from dem_bridge.lmp import mixing, radii"))
-    ['', 'dem_bridge.lmp', 'dem_bridge.lmp.mixing', 'dem_bridge.lmp.radii']
+    >>> sorted(imported_names("from dem_bridge.lmp import deck, engine"))
+    ['', 'dem_bridge.lmp', 'dem_bridge.lmp.deck', 'dem_bridge.lmp.engine']
     """
     found = _IMPORT.findall(_FOR_TYPES.sub("", text))
     return {part for source, items, name in found for part in (name, source, *_joined(source, items))}

@@ -17,8 +17,8 @@ import numpy as np
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.observables.bands import Bands, measured_bands, unit_cell
 from dem_bridge.observables.differences import difference
+from dem_bridge.observables.modes import Bands, measured_bands, unit_cell
 from dem_bridge.observables.verdict import Outcome, Verdict, judge
 from dem_bridge.physics.dispersion import Cell
 from dem_bridge.report.columns import KILOHERTZ, PERCENT, Column

@@ -30,8 +30,8 @@ from dem_bridge.runs.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.runs.campaign.results import table_of
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
-from dem_bridge.scene.file.physical import rounded
-from dem_bridge.scene.file.physical import scattered as turned_by_chance
+from dem_bridge.scene.file.conversion import rounded
+from dem_bridge.scene.file.conversion import scattered as turned_by_chance
 from dem_bridge.scene.geometry import Geometry
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dem_bridge.foundation.summary import counted, summary
-from dem_bridge.observables.errors import reduced, relative_to
+from dem_bridge.foundation.wording import counted, summary
+from dem_bridge.observables.differences import reduced, relative_to
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.runs.campaign import Result

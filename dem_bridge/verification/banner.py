@@ -14,7 +14,7 @@ from typing import Any
 from dem_bridge.backends.base import supports_of
 from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.backends.steps import order_on
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.wording import share
 from dem_bridge.lmp.known_defects import known_defects
 from dem_bridge.observables.step_error import ACCURACIES, LargestStep, StepError, with_sources
 from dem_bridge.observables.verdict import Outcome, Verdict

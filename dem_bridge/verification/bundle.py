@@ -24,7 +24,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Verdict, plain
 from dem_bridge.report.pages import fill
 from dem_bridge.report.study import Table
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.verification import Verification
 from dem_bridge.version import __version__

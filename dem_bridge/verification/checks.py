@@ -21,8 +21,8 @@ import numpy as np
 
 from dem_bridge.backends.steps import order_on
 from dem_bridge.errors import RunBroken
-from dem_bridge.observables.accuracy import ObservedOrder, observed_order
 from dem_bridge.observables.conserved import work
+from dem_bridge.observables.convergence import ObservedOrder, observed_order
 from dem_bridge.observables.differences import Difference, first_divergence
 from dem_bridge.observables.registry import OBSERVABLES, observable_named
 from dem_bridge.observables.verdict import Outcome, Verdict, judge, judge_relative, numerical_verdict

@@ -12,7 +12,7 @@ from datetime import datetime
 import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.wording import share
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.report.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.runs.cache import RunCache

@@ -49,13 +49,13 @@ CONCEPTS: Mapping[str, tuple[str, ...]] = MappingProxyType({
     "limit of what is a collision": ("backends.scales",),
     "peaks between samples": ("trajectory.dense",),
     "round-off of positions": ("backends.roundoff",),
-    "tables of force": ("backends.tabled", "lmp.pairing", "lmp.table"),
-    "interpolation of tables": ("lmp.cell", "lmp.interpolation"),
+    "tables of force": ("backends.tabled", "lmp.force_table"),
+    "interpolation of tables": ("lmp.interpolation", "lmp.table_cell"),
     "writer of decks": (
-        "foundation.arguments", "lmp.coefficients", "lmp.deck", "lmp.driving", "lmp.encoding", "lmp.known_defects",
+        "foundation.arguments", "lmp.deck", "lmp.known_defects", "lmp.pair_coefficients",
     ),
     "engine of LAMMPS": ("backends.lammps", "lmp.child", "lmp.engine", "lmp.log", "lmp.process"),
-    "reader of dumps": ("lmp.output",),
+    "reader of dumps": ("lmp.binary_dump",),
     "limits of numbers": ("foundation.numbers", "physics.numbers"),
     "version": ("version",),
     "rule of the uncertainty": ("runs.uncertainty",),
@@ -96,7 +96,7 @@ def shared(first: str, other: str) -> Shared:
 def concept_of(module: str) -> str:
     """Return the concept of a module; KeyError for a module that has none yet.
 
-    >>> concept_of("dem_bridge.lmp.output"), concept_of("dem_bridge.runs.uncertainty.grazes")
+    >>> concept_of("dem_bridge.lmp.binary_dump"), concept_of("dem_bridge.runs.uncertainty.grazes")
     ('reader of dumps', 'rule of the uncertainty')
     """
     name = module.removeprefix("dem_bridge.")

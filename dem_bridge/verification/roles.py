@@ -24,8 +24,8 @@ from typing import Generic, TypeVar, cast
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.surrogate_radius import radius_after
-from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.pair_coefficients import GRANULAR_STYLE
 from dem_bridge.observables.differences import Readings
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene

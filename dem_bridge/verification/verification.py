@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from dem_bridge.backends.base import versions_of
-from dem_bridge.lmp.coefficients import MODELS, damping_model
+from dem_bridge.lmp.pair_coefficients import MODELS, damping_model
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import Claim, Headline, Points, Study, Table
 from dem_bridge.report.texts import Texts, verdict_table

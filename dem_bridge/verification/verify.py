@@ -15,7 +15,7 @@ from typing import Any
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.observables.accuracy import checked_accuracy
+from dem_bridge.observables.convergence import checked_accuracy
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import check_setting
 from dem_bridge.runs.cache import RunCache

@@ -12,7 +12,7 @@ from hypothesis import given
 import dem_bridge as db
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.observables.accuracy import observed_order
+from dem_bridge.observables.convergence import observed_order
 from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from tests.bench.bench_bars import trials

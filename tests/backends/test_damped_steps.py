@@ -18,8 +18,8 @@ from dem_bridge.backends import splitting
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.lmp import deck as deck_module
-from dem_bridge.observables.accuracy import observed_order
 from dem_bridge.observables.conserved import energy, energy_parts, momentum
+from dem_bridge.observables.convergence import observed_order
 from dem_bridge.physics.exact import DashpotCollision, dashpot_collision
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty import from_twins as twins

@@ -17,7 +17,7 @@ from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.observables.accuracy import observed_order
+from dem_bridge.observables.convergence import observed_order
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory

@@ -19,9 +19,9 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.surrogate_radius import radius_after
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
-from dem_bridge.lmp.output import read_binary_dump
+from dem_bridge.lmp.binary_dump import read_binary_dump
 from dem_bridge.lmp.process import EngineReport, run_deck
-from dem_bridge.observables.accuracy import observed_order
+from dem_bridge.observables.convergence import observed_order
 from dem_bridge.scene.file import MAIN_SCENES
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.dense import schedule

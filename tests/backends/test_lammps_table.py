@@ -14,7 +14,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
-from dem_bridge.lmp import pairing
+from dem_bridge.lmp import pair_coefficients
 from dem_bridge.scene.file import MAIN_SCENES
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from dem_bridge.trajectory.trajectory import Trajectory
@@ -306,7 +306,7 @@ def test_an_accuracy_below_the_error_of_the_tables_is_refused_with_what_would_he
 
 
 def test_an_overlap_beyond_the_table_is_a_broken_run_in_lammps_own_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pairing, "MARGIN", 0.5)
+    monkeypatch.setattr(pair_coefficients, "MARGIN", 0.5)
     with pytest.raises(RunBroken, match="Pair distance < table inner cutoff"):
         db.solve(MIXED, backend=ENGINE, dt=1e-7, uncertainty=False)
 

@@ -19,7 +19,7 @@ from dem_bridge.backends.curves import CELLS, curve_force, curves_of
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import UsageError
-from dem_bridge.lmp.coefficients import Laws
+from dem_bridge.lmp.pair_coefficients import Laws
 from dem_bridge.observables.conserved import energy, energy_parts
 from dem_bridge.physics.contact_law import ContactLaw, Floats, Law, law_of, power_law
 from dem_bridge.runs.campaign import run_cases

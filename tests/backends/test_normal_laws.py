@@ -13,13 +13,13 @@ import dem_bridge as db
 from dem_bridge.backends import scipy_kernels
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import SceneError
-from dem_bridge.lmp.coefficients import GRANULAR_STYLE
+from dem_bridge.lmp.pair_coefficients import GRANULAR_STYLE
 from dem_bridge.observables.conserved import energy
 from dem_bridge.physics.damped_impact import alpha_of_restitution, alpha_of_tsuji
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.file import parse_scene
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from dem_bridge.scene.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
 from tests.backends.test_damped_steps import plant
 from tests.conftest import Solve

@@ -15,7 +15,7 @@ import dem_bridge as db
 from dem_bridge.backends import dormand_prince, ode45
 from dem_bridge.backends.dormand_prince import ERROR, EXTENSION, STAGES
 from dem_bridge.errors import RunBroken
-from dem_bridge.observables.accuracy import observed_order
+from dem_bridge.observables.convergence import observed_order
 from dem_bridge.observables.front import residence_time
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Trajectory

@@ -15,8 +15,8 @@ from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.backends.steps import default_step, round_step
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.observables.accuracy import observed_order
 from dem_bridge.observables.conserved import energy, momentum
+from dem_bridge.observables.convergence import observed_order
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Trajectory
 from tests.conftest import Solve

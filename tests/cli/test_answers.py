@@ -15,7 +15,7 @@ from dem_bridge.errors import RunBroken
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import Study, Table
 from dem_bridge.runs.store import StoreNote
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.command_line import assert_one_line, run_here
 from tests.helpers.fake_runs import CHAIN

@@ -19,7 +19,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.report.study import Study, Table
 from dem_bridge.runs.campaign import run_cases
 from dem_bridge.runs.store import Store
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from dem_bridge.scene.scene import Damping, Scene
 from tests.helpers.campaign_cases import SHORT, short_case
 from tests.helpers.command_line import assert_one_line, run_here

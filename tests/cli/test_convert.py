@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 import dem_bridge as db
 from dem_bridge.cli import main
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from tests.helpers.command_line import choices
 from tests.helpers.export_chains import RAW
 from tests.helpers.export_runs import foreign_dump, made_up

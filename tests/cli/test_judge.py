@@ -10,7 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.judging.judgement import KEYS
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from tests.helpers.command_line import assert_one_line, run_here
 from tests.helpers.judged_records import CHAIN, integrate
 

@@ -16,8 +16,7 @@ import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.cli.scene_files import FORMS, template
 from dem_bridge.scene.file import parse_scene
-from dem_bridge.scene.file.body_forms import CylinderScene, PatternScene, SphereScene
-from dem_bridge.scene.file.forms import RawScene
+from dem_bridge.scene.file.forms import CylinderScene, PatternScene, RawScene, SphereScene
 from dem_bridge.scene.file.impact import ImpactScene
 from tests.helpers.command_line import choices
 

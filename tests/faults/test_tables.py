@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from dem_bridge.lmp import coefficients
+from dem_bridge.lmp import pair_coefficients
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.contact_law import ContactLaw, power_law
@@ -176,7 +176,7 @@ def test_a_fault_in_the_laws_of_tables_shows_against_the_reference(monkeypatch: 
     def wrong(stiffness: float, exponent: float) -> ContactLaw:
         return power_law(stiffness * 1e-5**-by, exponent + by)
 
-    monkeypatch.setattr(coefficients, "power_law", wrong)
+    monkeypatch.setattr(pair_coefficients, "power_law", wrong)
     verdicts = BENCH.verdicts(BENCH.cases.map(run_case))
     bad = {name: verdict.outcome for name, verdict in verdicts.items() if verdict.outcome is not Outcome.PASS}
     assert set(bad) == minus(REFERENCE, "velocity") | ENERGY | ORDER

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
-from dem_bridge.foundation.notebook import quantity, template
-from dem_bridge.foundation.notebook_sketch import sketch
+from dem_bridge.foundation.notebook import quantity, sketch, template
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.contact_law import law_of
 from dem_bridge.report.study import Study, Table

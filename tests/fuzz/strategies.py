@@ -17,7 +17,7 @@ from pydantic import BaseModel
 
 from dem_bridge.formats.readers.headings import NAMES
 from dem_bridge.formats.units import STYLES, VALUES
-from dem_bridge.scene.file import body_forms, forms, impact
+from dem_bridge.scene.file import forms, impact
 from tests.fuzz.mutate import WORDS
 
 Draw = st.SearchStrategy[Any]
@@ -94,7 +94,7 @@ def scene_files(draw: st.DrawFn) -> bytes:
 
 #: forms of a scene file
 _FORMS: tuple[type[BaseModel], ...] = (
-    forms.RawScene, body_forms.CylinderScene, body_forms.SphereScene, body_forms.PatternScene, impact.ImpactScene,
+    forms.RawScene, forms.CylinderScene, forms.SphereScene, forms.PatternScene, impact.ImpactScene,
 )  # fmt: skip
 _NAMES = st.sampled_from(["i", "r", "m", "s", "x", "left"])
 _VALUES = _mostly(

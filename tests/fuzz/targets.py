@@ -26,7 +26,7 @@ from dem_bridge.formats.readers import read_record
 from dem_bridge.runs.inspect import entries
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.file import shipped_scenes
-from dem_bridge.scene.file.drive import read_force
+from dem_bridge.scene.file.measured_force import read_force
 from dem_bridge.verification import replay
 from dem_bridge.verification.bundle import check_bundle
 from dem_bridge.verification.regression.baseline import read_baseline

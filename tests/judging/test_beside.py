@@ -11,7 +11,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.judging import beside
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from tests.helpers.command_line import Done, assert_one_line, run_here
 from tests.helpers.foreign import FAKE, PAIR
 

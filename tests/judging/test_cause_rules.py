@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.wording import share
 from dem_bridge.judging import cause
 from dem_bridge.judging.diagnosis import Diagnosis, name_cause
 from dem_bridge.judging.fitting import Block, Fit

@@ -11,7 +11,7 @@ import pytest
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.judging.foreign import Command, default_steps, foreign_runs
 from dem_bridge.scene.file import parse_scene
-from dem_bridge.scene.file.text import scene_json
+from dem_bridge.scene.file.write import scene_json
 from tests.helpers.foreign import FAKE, PAIR
 
 

@@ -20,8 +20,8 @@ from dem_bridge.backends.lammps import LammpsTable
 from dem_bridge.backends.surrogate_radius import surrogate_radius
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp import deck as deck_module
-from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.deck import Deck, as_comment, deck_of, numbered_rows, positions
+from dem_bridge.lmp.pair_coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.reader.script import Script
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.file import MAIN_SCENES

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.backends.lammps import LammpsGranular, Written
-from dem_bridge.lmp.deck import Deck
-from dem_bridge.lmp.driving import drive_file
+from dem_bridge.lmp.deck import Deck, drive_file
 from dem_bridge.lmp.variants import flat_walls, newton_off, with_restart
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Scene, Wall

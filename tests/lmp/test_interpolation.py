@@ -13,11 +13,11 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.lmp.cell import pair_force
+from dem_bridge.lmp.binary_dump import read_binary_dump
+from dem_bridge.lmp.force_table import ContactTable, Style, contact_table, finds_all_cells, zero_table
 from dem_bridge.lmp.interpolation import Interpolation, interpolated, interpolation_error
-from dem_bridge.lmp.output import read_binary_dump
 from dem_bridge.lmp.process import run_deck
-from dem_bridge.lmp.table import ContactTable, Style, contact_table, finds_all_cells, zero_table
+from dem_bridge.lmp.table_cell import pair_force
 from dem_bridge.physics.contact_law import ContactLaw, Floats, law_of, power_law
 
 DATE = "2026-11-21"

@@ -16,7 +16,7 @@ from dem_bridge.cli import main
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of, known_defects
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import Study
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from dem_bridge.verification.defects import named_failures
 
 PINNED = 20250722

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.units import UNITS
-from dem_bridge.observables.errors import read, relative_to
+from dem_bridge.observables.differences import read, relative_to
 from dem_bridge.observables.observable import AXES, Observable, of_run
 from dem_bridge.observables.registry import OBSERVABLES, observable_named, register
 from dem_bridge.scene.drive import Drive

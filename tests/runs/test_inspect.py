@@ -113,7 +113,7 @@ def test_the_commands_show_a_store(kept: Store, monkeypatch: pytest.MonkeyPatch,
     assert listed.output.splitlines()[-1].startswith("2 entries")
     assert len(json.loads(runner.invoke(main, ["store", "list", "pair", "--json"]).output)) == 2
     assert json.loads(runner.invoke(main, ["store", "list", "other", "--json"]).output) == []
-    from dem_bridge.scene.file.text import scene_toml
+    from dem_bridge.scene.file.write import scene_toml
 
     file = tmp_path / "pair.toml"
     file.write_text(scene_toml(PAIR), encoding="utf-8")

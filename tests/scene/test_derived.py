@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dem_bridge.backends.scales import resting_acceleration
-from dem_bridge.lmp.coefficients import line_order
+from dem_bridge.lmp.pair_coefficients import line_order
 from dem_bridge.scene.derived import derived
 from dem_bridge.scene.features import DRAG
 from dem_bridge.scene.scene import Scene, Wall

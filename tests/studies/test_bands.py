@@ -10,7 +10,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.observables.bands import unit_cell
+from dem_bridge.observables.modes import unit_cell
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import Study
 from dem_bridge.runs import campaign
@@ -51,7 +51,7 @@ def test_three_codes_have_the_edge_of_the_infinite_chain() -> None:
     for row in found.values():
         assert row["infinite chain (kHz)"] == pytest.approx(1e-3 * theory, rel=1e-15)
         assert row["resolution (%)"] == pytest.approx(100.0 / BAR.duration / theory, rel=1e-3)
-        # half of what is resolved: see observables.bands
+        # half of what is resolved: see observables.modes
         assert abs(row["difference (%)"]) <= 0.5 * row["resolution (%)"]
         assert row["outcome"] == "PASS"
     assert study.exit_code == 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dem_bridge as db
-from dem_bridge.foundation.summary import MOST_LINES
+from dem_bridge.foundation.wording import MOST_LINES
 
 
 def test_a_study_prints_in_at_most_15_lines_and_has_a_picture() -> None:

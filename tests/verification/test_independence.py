@@ -28,7 +28,7 @@ JUDGED: dict[tuple[str, str], set[str]] = {
     # steps must be the same, and peaks be read off alike, so that both drop out of the difference; neither solves
     ("lammps-granular", "verlet"): {"dense", "driven", "scales", "steps", "prescan", "surrogate_radius"},
     # the twin takes LAMMPS' tables where it is asked to: then their lines are common to both and drop out, and what
-    # LAMMPS makes of them is written a second time (cell, interpolation). Not asked, it knows nothing of tables
+    # LAMMPS makes of them is written a second time (table_cell, interpolation). Not asked, it knows nothing of tables
     ("lammps-table", "verlet"): {"dense", "driven", "scales", "steps", "prescan", "surrogate_radius"},
     ("ase", "verlet"): {"dense", "driven", "scales", "steps", "prescan"},
     ("bca", "reference"): set(),
@@ -54,10 +54,10 @@ def test_only_fixed_step_codes_take_their_uncertainty_from_the_twin() -> None:
 
 
 def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_its_interpolation() -> None:
-    lent = {"pairing", "table", "contact_law", "coefficients", "encoding", "tabled", "version",
+    lent = {"force_table", "contact_law", "pair_coefficients", "tabled", "version",
             "scene_prescan"}  # fmt: skip
     lent |= {"numbers"}  # limits of numbers, and no formula
-    emulated = {"cell", "interpolation", "splitting", "twin"}
+    emulated = {"table_cell", "interpolation", "splitting", "twin"}
     rules = {"run_differences", "fixed_step", "grazes", "moments", "readings", "from_twins"}
     found = shared("lammps-table", "verlet")
     assert _short(found.uncertainty) == lent | emulated | {"curves", "fused"} | rules
@@ -66,7 +66,7 @@ def test_a_twin_with_tables_has_the_lines_of_the_deck_and_lammps_has_nothing_of_
     while waiting:
         waiting += (more := imported_modules(waiting.pop()) - reached - LANGUAGE - ASIDE)
         reached |= more
-    assert "dem_bridge.lmp.table" in reached
+    assert "dem_bridge.lmp.force_table" in reached
     assert not emulated & {name.rpartition(".")[2] for name in reached}
 
 

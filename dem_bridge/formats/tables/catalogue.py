@@ -11,7 +11,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.formats.tables.angles import angles, stiffness_curve
 from dem_bridge.formats.tables.parameters import bodies, contacts, origin, pair_coeffs
 from dem_bridge.formats.tables.table import Column, Table, column, with_uncertainty
-from dem_bridge.observables.errors import Reading, read
+from dem_bridge.observables.differences import Reading, read
 from dem_bridge.observables.ledger import Ledger, energy_ledger
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.scene.scene import Scene

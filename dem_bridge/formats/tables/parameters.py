@@ -17,9 +17,7 @@ from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.surrogate_radius import radius_of
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.formats.tables.table import COLUMNS, Table, tabulate
-from dem_bridge.lmp.coefficients import GRANULAR_STYLE, Laws, laws, line_order, pairs
-from dem_bridge.lmp.encoding import Types, body_types
-from dem_bridge.lmp.pairing import granular
+from dem_bridge.lmp.pair_coefficients import GRANULAR_STYLE, Laws, Types, body_types, granular, laws, line_order, pairs
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.scene.scene import DAMPING_LAWS, Scene
 from dem_bridge.trajectory.trajectory import Trajectory

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.units import unit_of
-from dem_bridge.foundation.summary import summary
+from dem_bridge.foundation.wording import summary
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from dem_bridge.foundation.words import share
+from dem_bridge.foundation.wording import share
 from dem_bridge.judging.check.edits import Edit
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer
 from dem_bridge.judging.check.plausible import Plausibility

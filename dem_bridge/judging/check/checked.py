@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, RunBroken, UnsupportedScene, UsageError
-from dem_bridge.foundation.words import number, share
+from dem_bridge.foundation.wording import number, share
 from dem_bridge.judging.check.answer import Check, Pictures
 from dem_bridge.judging.check.edits import Edit, applied
 from dem_bridge.judging.check.laboratory import Laboratory, Progress
@@ -24,7 +24,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_of
 from dem_bridge.lmp.process import probe
 from dem_bridge.lmp.reader.script import logical_lines
-from dem_bridge.observables.accuracy import checked_accuracy
+from dem_bridge.observables.convergence import checked_accuracy
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.scene.scene import Scene
 

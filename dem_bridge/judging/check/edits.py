@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from dem_bridge.errors import UsageError
-from dem_bridge.lmp.reader.deck import ReadScript
+from dem_bridge.lmp.reader.evaluation import ReadScript
 from dem_bridge.lmp.reader.script import Command, logical_lines
 
 #: how much longer than the least a series of steps may be for a time step with fewer digits

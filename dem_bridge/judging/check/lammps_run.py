@@ -12,7 +12,7 @@ from dem_bridge.formats.readers.frames_to_record import draft_of_frames
 from dem_bridge.foundation.compiled import Ints
 from dem_bridge.judging.deck import DeckRun
 from dem_bridge.judging.model import Model
-from dem_bridge.lmp.reader.deck import UNITS
+from dem_bridge.lmp.reader.evaluation import UNITS
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 

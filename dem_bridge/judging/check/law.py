@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dem_bridge.errors import DemBridgeError, UsageError
-from dem_bridge.foundation.words import number, release, share
+from dem_bridge.foundation.wording import number, release, share
 from dem_bridge.judging.check.laboratory import Laboratory
 from dem_bridge.judging.check.lammps_run import LammpsRun
 from dem_bridge.judging.deck import UserDeck
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
-from dem_bridge.lmp.mixing import mixing_warning
+from dem_bridge.lmp.reader.mixing import mixing_warning
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.damped_impact import alpha_of_tsuji, restitution_of_alpha
 

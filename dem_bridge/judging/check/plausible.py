@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dem_bridge.foundation.words import number, share
+from dem_bridge.foundation.wording import number, share
 from dem_bridge.judging.check.laboratory import Laboratory
 from dem_bridge.judging.deck import UserDeck
-from dem_bridge.lmp.reader.deck import UNITS
+from dem_bridge.lmp.reader.evaluation import UNITS
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import contact_time_of
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dem_bridge.backends.base import versions_of
-from dem_bridge.foundation.words import release
+from dem_bridge.foundation.wording import release
 from dem_bridge.judging.check.answer import Check, Pictures
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.columns import SECOND, Column

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dem_bridge.errors import DemBridgeError
-from dem_bridge.foundation.words import number, share
+from dem_bridge.foundation.wording import number, share
 from dem_bridge.judging.check.edits import tidy_factor
 from dem_bridge.judging.check.laboratory import Laboratory
 from dem_bridge.judging.model import MotionTooLong

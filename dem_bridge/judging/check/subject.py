@@ -18,7 +18,7 @@ from dem_bridge.foundation.files import MOST_BYTES, text_of_file
 from dem_bridge.judging.check.edits import Edit, applied, finer, keeps_duration, only_steps
 from dem_bridge.judging.deck import UserDeck, is_deck, named_paths, user_deck
 from dem_bridge.lmp.process import workspace
-from dem_bridge.lmp.reader.deck import UNITS
+from dem_bridge.lmp.reader.evaluation import UNITS
 from dem_bridge.scene.file import scene_of
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import contact_time_of, samples_of

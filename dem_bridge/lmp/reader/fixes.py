@@ -11,9 +11,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from dem_bridge.lmp.reader import laws
-from dem_bridge.lmp.reader.laws import PairLaw
-from dem_bridge.lmp.reader.pairs import Pairs
+from dem_bridge.lmp.reader import pair_laws
+from dem_bridge.lmp.reader.pair_commands import Pairs
+from dem_bridge.lmp.reader.pair_laws import PairLaw
 from dem_bridge.lmp.reader.particles import Particles
 from dem_bridge.lmp.reader.script import Command, Script
 
@@ -86,7 +86,7 @@ class Fixes:
         """Evaluate a ``fix`` command."""
         command.fail_if(len(command.rest) < 3, "is incomplete", "fix ID GROUP STYLE ...")
         name, group, style = command.rest[:3]
-        if style in SILENT_FIXES or (self.liggghts and style in laws.SILENT_FIXES):
+        if style in SILENT_FIXES or (self.liggghts and style in pair_laws.SILENT_FIXES):
             return
         if style == "property/global":
             self.pairs.materials.add(command)

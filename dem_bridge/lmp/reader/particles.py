@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from dem_bridge.foundation.numbers import MOST_BODIES
-from dem_bridge.lmp.reader.pairs import numbered
+from dem_bridge.lmp.reader.pair_commands import numbered
 from dem_bridge.lmp.reader.script import Command, Script
 
 _SETTABLE = ("type", "mass", "density", "density/disc", "diameter", "x", "y", "z", "vx", "vy", "vz")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dem_bridge.backends.base import Backend, backend, unsupported_reason
 from dem_bridge.errors import BackendUnavailable, RunBroken, UnsupportedScene, UsageError
-from dem_bridge.observables.errors import Reading, read, reduced, relative_to
+from dem_bridge.observables.differences import Reading, read, reduced, relative_to
 from dem_bridge.observables.observable import Observable
 from dem_bridge.observables.registry import observable_named
 from dem_bridge.runs.cache import RunCache

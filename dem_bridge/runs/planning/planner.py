@@ -21,7 +21,7 @@ from dem_bridge.backends.scipy_dop853 import LARGEST_RTOL
 from dem_bridge.backends.surrogate_radius import radius_of
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.foundation.numbers import check_number
-from dem_bridge.observables.accuracy import checked_accuracy
+from dem_bridge.observables.convergence import checked_accuracy
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.costs import WITH_UNCERTAINTY
 from dem_bridge.runs.planning.answer import Plan, answer, beyond, errors_by_setting, evidence_of

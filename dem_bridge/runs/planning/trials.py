@@ -20,7 +20,7 @@ from typing import Any
 
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.errors import NotAsymptotic, RunBroken, UsageError
-from dem_bridge.observables.errors import relative_error, relative_uncertainty
+from dem_bridge.observables.differences import relative_error, relative_uncertainty
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import FREE, Cost, Trajectory
 

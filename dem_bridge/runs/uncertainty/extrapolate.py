@@ -10,7 +10,7 @@ import numpy as np
 from dem_bridge.backends.base import Backend, backend
 from dem_bridge.backends.steps import order_on
 from dem_bridge.errors import NotAsymptotic, UsageError
-from dem_bridge.observables.accuracy import Extrapolation, richardson
+from dem_bridge.observables.convergence import Extrapolation, richardson
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty.estimate import solve
 from dem_bridge.runs.uncertainty.from_replicas import summed_cost

@@ -11,7 +11,7 @@ from dem_bridge.backends.steps import default_step, order_on, round_step
 from dem_bridge.backends.surrogate_radius import radius_of
 from dem_bridge.backends.twin import TWIN
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.observables.accuracy import checked_accuracy
+from dem_bridge.observables.convergence import checked_accuracy
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty.estimate import solve

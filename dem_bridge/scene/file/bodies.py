@@ -1,15 +1,32 @@
-"""A Scene built from a row of bodies, whose masses and Hertz stiffnesses follow from shapes and materials."""
+"""Scenes built from a row of bodies: bodies given one by one, or a repeated unit cell with modifications.
+
+The order of the modifications is: the cells, with those of the step from cell ``step.from`` on; the taper, cell by
+cell; the decoration, whose bodies are not tapered; the disorder of all radii, then of the angles. A striker in front of
+the row is not modified.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import fields
-from itertools import pairwise
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from itertools import accumulate, pairwise, repeat
+from operator import mul
 from typing import Any, Literal
 
 from dem_bridge.errors import SceneError, UsageError
-from dem_bridge.foundation.numbers import checked_numbers
-from dem_bridge.scene.file.physical import HERTZ, Numbers, checked_velocity, rounded
+from dem_bridge.foundation.numbers import LARGEST, MOST_BODIES, SMALLEST, checked_numbers
+from dem_bridge.scene.file import conversion, forms
+from dem_bridge.scene.file.conversion import (
+    HERTZ,
+    Numbers,
+    check_alone,
+    checked_velocity,
+    normal_numbers,
+    rounded,
+    scattered,
+    sphere_of,
+    start_velocity,
+)
 from dem_bridge.scene.geometry import ANGLE, Body, Geometry, Material, crossings
 from dem_bridge.scene.scene import Scene, Wall
 
@@ -158,3 +175,200 @@ def _checked_angles(bodies: tuple[Body, ...], angles: Numbers | None) -> tuple[f
     for k, angle in zip(where, checked, strict=True):
         entries[k] = angle
     return tuple(entries)
+
+
+Materials = Mapping[str, Material]
+Bodies = tuple[Body, ...]
+
+
+def from_pattern(file: forms.PatternScene) -> Scene:
+    """Return the Scene of the striker and the bodies of the pattern."""
+    pattern, table = file.chain.pattern, file.chain.striker
+    materials = dict(materials_of(file.materials))
+    row = _row(pattern, materials)
+    per = "contact of the chain"
+    gap = checked_numbers("pattern.gap", pattern.gap, "a finite number (m)", count=len(row) - 1, per=per)
+    first = () if table is None else (_striker(table, row[0], materials),)
+    scene = chain(
+        bodies=row,
+        striker=first[0] if first else None,
+        velocity=start_velocity(file.chain, len(row)),
+        angles=_angles(pattern, first, row),
+        law=pattern.law,
+        gap=gap if table is None else (table.gap, *gap),
+        **conversion.in_common(file, (*first, *row)) | dict(_flat_walls(file, (*first, *row), materials)),
+    )
+    if table is None:
+        return scene
+    mass = scene.mass[0] if table.mass is None else table.mass
+    stiffness = scene.stiffness[0] if table.stiffness is None else table.stiffness
+    return replace(scene, mass=(mass, *scene.mass[1:]), stiffness=(stiffness, *scene.stiffness[1:]))
+
+
+# bodies
+
+
+def materials_of(tables: Mapping[str, forms.MaterialTable]) -> Iterator[tuple[str, Material]]:
+    """Yield the materials of a file by name."""
+    for name, table in tables.items():
+        try:
+            yield name, Material(**{**table.model_dump(), "name": table.name or name})
+        except SceneError as error:
+            raise error.at("scene", f"materials.{name}.{error.key.removeprefix('material.')}") from None
+
+
+def material_of(name: str | None, materials: Materials, where: str, also: Sequence[str] = ()) -> Material:
+    """Return the material of this name; None means the only one. ``also`` are further names that a message lists."""
+    names = ", ".join((*materials, *also)) or "a name"
+    if name is None:
+        if len(materials) != 1:
+            raise SceneError(where, problem="is missing", allowed=f"one of {names}")
+        return next(iter(materials.values()))
+    if name not in materials:
+        raise SceneError(where, value=name, allowed=f"{names}, the names in [materials.NAME]")
+    return materials[name]
+
+
+def _body(table: forms.BodyTable, materials: Materials, where: str) -> Body:
+    """Return the body of a table."""
+    material = material_of(table.material, materials, f"{where}.material")
+    try:
+        return Body(shape=table.shape, radius=table.radius, height=table.height, material=material)
+    except SceneError as error:
+        raise error.at("scene", f"{where}.{error.key.removeprefix('body.')}") from None
+
+
+def _cell(tables: Sequence[forms.BodyTable], materials: Materials, where: str) -> Bodies:
+    """Return the bodies of a unit cell."""
+    return tuple(_body(table, materials, f"{where}[{nth}]") for nth, table in enumerate(tables))
+
+
+def _row(pattern: forms.Pattern, materials: Materials) -> Bodies:
+    """Return all bodies behind the striker, modified in the order that the module states."""
+    _check_size(pattern)
+    cells = [_cell(pattern.cell, materials, "pattern.cell")] * pattern.repeat
+    if pattern.step is not None:
+        first = pattern.step.first
+        if first >= pattern.repeat:
+            allowed = f"a cell from 0 to {pattern.repeat - 1}, the last of repeat = {pattern.repeat}"
+            raise SceneError("pattern.step.from", value=first, allowed=allowed)
+        cells[first:] = [_cell(pattern.step.cell, materials, "pattern.step.cell")] * (pattern.repeat - first)
+    row = tuple(body for cell in _tapered(cells, pattern.taper) for body in cell)
+    if pattern.decorate is not None:
+        row = _decorated(row, pattern.decorate, _body(pattern.decorate, materials, "pattern.decorate"))
+    return row if pattern.disorder is None else _of_random_size(row, pattern.disorder)
+
+
+def _check_size(pattern: forms.Pattern) -> None:
+    """Raise SceneError if the pattern has too many bodies; called before any of them exists."""
+    first = pattern.repeat if pattern.step is None else min(pattern.step.first, pattern.repeat)
+    count = first * len(pattern.cell)
+    count += 0 if pattern.step is None else (pattern.repeat - first) * len(pattern.step.cell)
+    count += 0 if pattern.decorate is None else (count - 1) // pattern.decorate.every
+    if count > MOST_BODIES:
+        problem = f"= {pattern.repeat} gives the chain {count} bodies"
+        raise SceneError("pattern.repeat", problem=problem, allowed=f"at most {MOST_BODIES} bodies")
+
+
+def _tapered(cells: Sequence[Bodies], taper: float) -> Iterator[Bodies]:
+    """Yield the cells, all sizes of each multiplied by ``taper`` relative to the previous cell."""
+    for nth, share in enumerate(accumulate(repeat(taper, len(cells) - 1), mul, initial=1.0)):
+        if not all(SMALLEST < body.radius * share < LARGEST for body in cells[nth]):
+            problem = f"= {taper!r} gives cell {nth} bodies of a radius of {cells[nth][0].radius * share:g} m"
+            raise SceneError("pattern.taper", problem=problem, allowed=f"{SMALLEST:g} to {LARGEST:g} m")
+        yield tuple(
+            replace(body, radius=body.radius * share, height=None if body.height is None else body.height * share)
+            for body in cells[nth]
+        )
+
+
+def _decorated(row: Bodies, table: forms.Decorate, between: Body) -> Bodies:
+    """Return the row with ``between`` inserted behind each ``every``-th body except the last."""
+    if table.every >= len(row):
+        allowed = f"less than {len(row)}, the number of bodies, since a decoration is placed between two of them"
+        raise SceneError("pattern.decorate.every", value=table.every, allowed=allowed)
+    out: list[Body] = []
+    for nth, body in enumerate(row, start=1):
+        out += [body, between] if nth % table.every == 0 and nth < len(row) else [body]
+    return tuple(out)
+
+
+def _of_random_size(row: Bodies, table: forms.Disorder) -> Bodies:
+    """Return the row with random radii, rounded to 9 digits.
+
+    The radii use a random sequence of their own, so that no angle depends on them.
+    """
+    if not table.model_fields_set & {"radius", "angle"}:
+        allowed = "radius (relative), angle (degrees), or both"
+        raise SceneError("pattern.disorder", problem="has neither radius nor angle", allowed=allowed)
+    if table.radius == 0.0:
+        return row
+    out = []
+    for nth, (body, number) in enumerate(zip(row, normal_numbers(f"radius {table.seed}"), strict=False)):
+        radius = float(f"{body.radius * (1.0 + table.radius * number):.9g}")
+        if radius <= 0.0:
+            problem = f"= {table.radius!r} and the seed {table.seed} give body {nth} a radius of {radius:g} m"
+            raise SceneError("pattern.disorder.radius", problem=problem, allowed="a value that keeps all radii above 0")
+        out.append(replace(body, radius=radius))
+    return tuple(out)
+
+
+# angles, striker, walls
+
+
+def _angles(pattern: forms.Pattern, first: Bodies, row: Bodies) -> tuple[float, ...] | None:
+    """Return an angle for each contact of two cylinders; a striker's contact has the angle of the chain's first one."""
+    of_chain, with_striker = len(crossings(row)), len(crossings((*first, *row[:1])))
+    present = [key for key in ("angle", "angles") if getattr(pattern, key) is not None]
+    scatter = 0.0 if pattern.disorder is None else pattern.disorder.angle
+    if len(present) == 2:
+        raise SceneError("pattern.angles", problem="cannot be combined with angle", allowed="one of the two")
+    if of_chain + with_striker == 0 and present:
+        raise SceneError(f"pattern.{present[0]}", problem="is given", allowed="no angle, since no two cylinders meet")
+    if of_chain == 0 and scatter > 0.0:
+        raise SceneError("pattern.disorder.angle", value=scatter, allowed="0, since no two cylinders of the chain meet")
+    if of_chain + with_striker == 0:
+        return None
+    entries = pattern.angles if pattern.angle is None else pattern.angle
+    if entries is None or (pattern.angle is None and of_chain == 0):
+        allowed = f"{ANGLE}, between the axes of two cylinders that meet; or a list angles for {of_chain} contacts"
+        raise SceneError("pattern.angle", problem="is missing", allowed=allowed)
+    per = "contact of two cylinders of the chain"
+    angles = checked_numbers("pattern.angles", entries, ANGLE, count=of_chain, per=per)
+    of_striker = (pattern.angle or angles[0],) * with_striker
+    if pattern.disorder is not None and scatter > 0.0:
+        angles = scattered(angles, scatter=scatter, seed=pattern.disorder.seed)
+    return (*of_striker, *angles)
+
+
+def _striker(table: forms.PatternStriker, first: Body, materials: Materials) -> Body:
+    """Return the striker's body."""
+    if table.exponent not in (None, HERTZ):
+        allowed = f"{HERTZ}, since the contacts of a pattern are Hertz contacts"
+        raise SceneError("striker.exponent", value=table.exponent, allowed=allowed)
+    if table.like is None:
+        material = first.material
+        if table.material is not None:
+            material = material_of(table.material, materials, "striker.material")
+        return sphere_of(table, material)
+    check_alone(table)
+    return first
+
+
+def _flat_walls(file: forms.PatternScene, bodies: Bodies, materials: Materials) -> Iterator[tuple[str, Wall]]:
+    """Yield the walls that are defined by their material."""
+    for side, body in (("wall_left", bodies[0]), ("wall_right", bodies[-1])):
+        table: forms.PatternWall | None = getattr(file.chain, side)
+        if table is None:
+            continue
+        present = table.model_fields_set & {"stiffness", "material"}
+        if len(present) != 1:
+            problem = "has neither stiffness nor material" if not present else "has both stiffness and material"
+            raise SceneError(side, problem=problem, allowed="one of the two")
+        if table.material is None:
+            continue
+        if table.exponent not in (None, HERTZ):
+            raise SceneError(
+                f"{side}.exponent", value=table.exponent, allowed=f"{HERTZ}, since a flat wall has a Hertz contact"
+            )
+        yield side, flat(material_of(table.material, materials, f"{side}.material"), body, side, table.gap)

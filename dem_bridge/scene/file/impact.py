@@ -12,8 +12,8 @@ from dem_bridge.errors import SceneError
 from dem_bridge.foundation.numbers import Numbers, checked_number, checked_numbers
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.physics.hertz import sphere_on_plane
-from dem_bridge.scene.file import forms, raw
-from dem_bridge.scene.file.physical import HERTZ, rounded
+from dem_bridge.scene.file import conversion, forms
+from dem_bridge.scene.file.conversion import HERTZ, rounded
 from dem_bridge.scene.geometry import Body, Geometry, Material
 from dem_bridge.scene.scene import Scene, Wall
 
@@ -96,7 +96,7 @@ def from_impact(file: ImpactScene) -> Scene:
     adhesion = None
     if impact.adhesion is not None:
         table = forms.AdhesionTable(law=impact.adhesion.law, surface_energy=impact.adhesion.surface_energy)
-        adhesion = table.adhesion(raw.effective_radii(spheres, (False, plane)))
+        adhesion = table.adhesion(conversion.effective_radii(spheres, (False, plane)))
     return Scene(
         name=file.name,
         description=file.description,

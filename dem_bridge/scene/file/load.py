@@ -3,15 +3,20 @@
 There are three kinds of form. The *raw* form has lists of masses, stiffnesses, gaps and velocities. The *physical* form
 has bodies and optionally a striker, from which masses and stiffnesses follow: crossed cylinders or spheres of one
 material, or a pattern of both of several materials. The *impact* form has two spheres, or a sphere and a plane. The
-tables are in :mod:`.forms`; the values that follow from bodies are in :mod:`.physical`, :mod:`.pattern` and
-:mod:`.impact`. The tables check the structure of a file (keys, types); the Scene checks
-the numbers that it is created with.
+tables are in :mod:`.forms`; the values that follow from bodies are in :mod:`.conversion`, :mod:`.bodies` and
+:mod:`.impact`. The tables check the structure of a file (keys, types); the Scene checks the numbers that it is created
+with.
+
+The table [measurement] names files of measured values, and is no part of the Scene. A
+:class:`~dem_bridge.scene.scene.Scene` does not hold it, and its content hash does not depend on it.
+:func:`measurement_of` reads the table from the scene file where a comparison needs it.
 """
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import NoneType
 from typing import Any, get_args
@@ -20,15 +25,13 @@ from pydantic import BaseModel, ValidationError
 
 from dem_bridge.errors import SceneError, meant
 from dem_bridge.foundation.arguments import check_arguments
-from dem_bridge.foundation.files import text_of_file
-from dem_bridge.foundation.scripts import is_script
-from dem_bridge.scene.file.body_forms import CylinderScene, PatternScene, SphereScene
-from dem_bridge.scene.file.drive import with_force_of_file
-from dem_bridge.scene.file.forms import Environment, RawScene
+from dem_bridge.foundation.files import named_file, text_of_file
+from dem_bridge.foundation.script_files import is_script
+from dem_bridge.scene.file.bodies import from_pattern
+from dem_bridge.scene.file.conversion import from_cylinders, from_raw, from_spheres
+from dem_bridge.scene.file.forms import CylinderScene, Environment, PatternScene, RawScene, SphereScene
 from dem_bridge.scene.file.impact import ImpactScene, from_impact
-from dem_bridge.scene.file.pattern import from_pattern
-from dem_bridge.scene.file.physical import from_cylinders, from_spheres
-from dem_bridge.scene.file.raw import from_raw
+from dem_bridge.scene.file.measured_force import with_force_of_file
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.shipped import file_of_shipped, shipped_scenes
 from dem_bridge.version import advice_on_schema
@@ -251,3 +254,63 @@ def _is_table(kind: Any) -> bool:
 def _fields(table: type[BaseModel]) -> Mapping[str, Any]:
     """Return the fields of a table by their keys in a file."""
     return {field.alias or name: field for name, field in table.model_fields.items()}
+
+
+#: kind of measured values -> its name on a page; a digitised figure is not called data
+NAMES = {"measured": "data", "digitised": "digitised figure", "synthetic": "synthetic data"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """Files of measured values, their source, and the uncertain parameters of the scene.
+
+    ``files`` are CSV files. ``parameters`` maps the name of each uncertain parameter to its standard uncertainty (see
+    the study "measurement" for the names). ``fit`` are the parameters that are fitted; None means
+    all that belong to the whole scene.
+
+    Examples
+    --------
+    >>> Measurement(files=(Path("laser.csv"),), parameters={"stiffness": 0.02}).name
+    'data'
+    """
+
+    files: tuple[Path, ...]
+    source: str = ""
+    kind: str = "measured"
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    fit: tuple[str, ...] | None = None
+
+    @property
+    def name(self) -> str:
+        """Return what the values are called on a page."""
+        return NAMES[self.kind]
+
+
+def measurement_of(source: Scene | str | Path | None) -> Measurement | None:
+    """Return the measurement of a scene file; None for a Scene, and for a file without the table [measurement].
+
+    Raises
+    ------
+    SceneError
+        If the file is not a valid scene file.
+    """
+    if source is None or isinstance(source, Scene):
+        return None
+    form, folder = read_form(source)
+    table = form.measurement
+    if table is None:
+        return None
+    try:
+        files = tuple(
+            named_file(folder, file) for file in ([table.file] if isinstance(table.file, str) else table.file)
+        )
+    except OSError as error:
+        problem, allowed = f"cannot be read: {error.strerror}", "files below the folder of the scene file"
+        raise SceneError("measurement.file", problem=problem, allowed=allowed, where=str(source)) from None
+    return Measurement(
+        files=files,
+        source=table.source,
+        kind=table.kind,
+        parameters=table.parameters,
+        fit=None if table.fit is None else tuple(table.fit),
+    )

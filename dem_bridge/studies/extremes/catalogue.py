@@ -21,7 +21,7 @@ from dem_bridge.backends.lammps import LammpsTable
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.tabled import tables_for
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.lmp.pairing import TableSet
+from dem_bridge.lmp.pair_coefficients import TableSet
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.physics.hertz import crossed_cylinders
 from dem_bridge.runs.case import Case

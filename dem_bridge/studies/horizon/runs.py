@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.backends.twin import solve_dense
-from dem_bridge.observables.conserved import energy_parts, work
-from dem_bridge.observables.drift import BLOCKS, Drift, drift_of, swing_of
+from dem_bridge.observables.conserved import BLOCKS, Drift, drift_of, energy_parts, swing_of, work
 from dem_bridge.runs.campaign import Progress
 from dem_bridge.runs.uncertainty.fixed_step import REALISATIONS, TwinFamily, last_digit, step_safety
 from dem_bridge.runs.uncertainty.from_replicas import LEAST, REFERENCE
@@ -193,7 +192,7 @@ class LongRun:
     total: Floats
     """Less the work of a drive."""
     conserved: Floats
-    """Total energy with what velocity-Verlet swings by added: see :mod:`dem_bridge.observables.drift`."""
+    """Total energy with what velocity-Verlet swings by added: see :mod:`dem_bridge.observables.conserved`."""
     scale: float
     """J: the most that was in motion."""
     complete: bool = True

@@ -11,8 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dem_bridge.observables.conserved import energy, energy_parts, momentum, work
-from dem_bridge.observables.drift import BLOCKS
+from dem_bridge.observables.conserved import BLOCKS, energy, energy_parts, momentum, work
 from dem_bridge.observables.verdict import Outcome, Verdict, judge, judge_relative
 from dem_bridge.report.columns import SECOND, Column
 from dem_bridge.report.study import FigureData, Series, Table

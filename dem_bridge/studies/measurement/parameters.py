@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dem_bridge.errors import SceneError, UsageError
-from dem_bridge.scene.file.physical import rounded
+from dem_bridge.scene.file.conversion import rounded
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 

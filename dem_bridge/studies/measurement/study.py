@@ -23,7 +23,7 @@ from dem_bridge.report.columns import PERCENT, Column
 from dem_bridge.report.study import FigureData, Panel, Series, Study, check_setting
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Progress
-from dem_bridge.scene.file.measurement import Measurement
+from dem_bridge.scene.file.load import Measurement
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.measurement.comparison import Comparison, Joint, compare, deviations_of
 from dem_bridge.studies.measurement.fit import LEVEL, Fit, Fitted, chosen, fit_parameters

@@ -15,7 +15,7 @@ import numpy as np
 
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.report.texts import Texts
-from dem_bridge.scene.file.physical import rounded
+from dem_bridge.scene.file.conversion import rounded
 from dem_bridge.scene.geometry import Body, Geometry
 from dem_bridge.scene.scene import Damping, Scene, Wall
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.observables.accuracy import checked_accuracy
+from dem_bridge.observables.convergence import checked_accuracy
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.study import check_setting

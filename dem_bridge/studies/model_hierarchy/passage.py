@@ -21,7 +21,7 @@ from types import MappingProxyType
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.errors import Reading, Window, read, relative_to
+from dem_bridge.observables.differences import Reading, Window, read, relative_to
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Outcome, judge
 from dem_bridge.scene.scene import Scene

@@ -17,7 +17,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import RunBroken
-from dem_bridge.observables.errors import read
+from dem_bridge.observables.differences import read
 from dem_bridge.observables.verdict import Outcome, Verdict, judge_relative
 from dem_bridge.physics.exact import Scaling, scaling
 from dem_bridge.runs.campaign import Jobs, Progress, run_cases

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.observables.errors import reduced
+from dem_bridge.observables.differences import reduced
 from dem_bridge.observables.fits import Slope, force_exponent, log_velocity_slope
 from dem_bridge.observables.front import local_speed_constant
 from dem_bridge.observables.registry import OBSERVABLES

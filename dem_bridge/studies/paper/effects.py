@@ -21,7 +21,7 @@ from dem_bridge.observables.registry import OBSERVABLES as REGISTERED
 from dem_bridge.physics.statics import static_overlap
 from dem_bridge.report.columns import PERCENT, Column
 from dem_bridge.report.study import Table
-from dem_bridge.scene.file.physical import rounded
+from dem_bridge.scene.file.conversion import rounded
 from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.studies.model_hierarchy import model_terms
 from dem_bridge.studies.paper import PAPER

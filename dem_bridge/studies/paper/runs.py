@@ -11,7 +11,7 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.file import load_scene, shipped_scenes
-from dem_bridge.scene.file.physical import rounded
+from dem_bridge.scene.file.conversion import rounded
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.effects import STRONG, VARIANTS
 from dem_bridge.trajectory.trajectory import Trajectory

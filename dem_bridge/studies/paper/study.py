@@ -11,7 +11,7 @@ from typing import Any
 
 from dem_bridge.backends.base import BACKENDS
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.observables.accuracy import checked_accuracy
+from dem_bridge.observables.convergence import checked_accuracy
 from dem_bridge.observables.differences import difference
 from dem_bridge.report.study import PARTS, Claim, FigureData, Margin, Table
 from dem_bridge.runs.cache import RunCache

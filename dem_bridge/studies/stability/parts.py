@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 from dem_bridge.backends.lammps_motion import Granular, granular
 from dem_bridge.backends.twin import solve_motion
 from dem_bridge.errors import BackendUnavailable
-from dem_bridge.lmp.coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.pair_coefficients import GRANULAR_STYLE
 from dem_bridge.lmp.process import require
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store

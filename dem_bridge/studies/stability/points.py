@@ -17,7 +17,7 @@ from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.backends.surrogate_radius import surrogate_radius
 from dem_bridge.backends.twin import solve_motion
 from dem_bridge.errors import RunBroken
-from dem_bridge.lmp.coefficients import GRANULAR_STYLE
+from dem_bridge.lmp.pair_coefficients import GRANULAR_STYLE
 from dem_bridge.observables.conserved import momentum
 from dem_bridge.observables.modes import highest_frequencies
 from dem_bridge.physics.exact import two_body_collision

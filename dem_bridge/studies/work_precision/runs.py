@@ -20,7 +20,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Backend, Sampling
 from dem_bridge.errors import BackendUnavailable, NotAsymptotic, RunBroken, UnsupportedScene, UsageError
-from dem_bridge.observables.errors import REDUCTIONS, Reading, read, reduced, relative_to
+from dem_bridge.observables.differences import REDUCTIONS, Reading, read, reduced, relative_to
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.runs.campaign import Progress
 from dem_bridge.scene.scene import Scene

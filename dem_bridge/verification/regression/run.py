@@ -14,7 +14,7 @@ from typing import Any
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS, Resolution, Sampling, backend, supports_of
 from dem_bridge.errors import BackendUnavailable, RunBroken, SceneError, UsageError
-from dem_bridge.foundation.summary import counted, summary
+from dem_bridge.foundation.wording import counted, summary
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_between
 from dem_bridge.runs.campaign import Jobs, Progress, Result, fingerprint_of, run_cases

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 import dem_bridge as db
 from dem_bridge.lmp.process import run_deck
-from dem_bridge.lmp.reader.deck import UNITS
+from dem_bridge.lmp.reader.evaluation import UNITS
 from dem_bridge.scene.scene import Scene
 from tests.helpers.lammps_scripts import PARTS, script
 
@@ -256,7 +256,7 @@ WORDS: dict[str, dict[str, str]] = {
 }  # fmt: skip
 
 
-#: the other words are run in the deep suite; what they become is checked without LAMMPS in test_scene
+#: the other words are run in the deep suite; what they become is checked without LAMMPS in test_conversion
 _QUICK = ("hertz/history", "restitution", "region plane", "dmt", "loop")
 
 

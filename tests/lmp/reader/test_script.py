@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.errors import BlockedScript, SceneError
-from dem_bridge.lmp.opening import files_of
-from dem_bridge.lmp.reader.deck import read_script
+from dem_bridge.foundation.script_files import files_of
+from dem_bridge.lmp.reader.evaluation import read_script
 from dem_bridge.lmp.reader.formula import evaluated
 from dem_bridge.lmp.reader.particles import Particle
 from dem_bridge.lmp.reader.script import Script

@@ -16,7 +16,7 @@ import dem_bridge as db
 from dem_bridge.backends.base import backend
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import UnsupportedScene, UsageError
-from dem_bridge.observables.errors import relative_error
+from dem_bridge.observables.differences import relative_error
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.runs.costs import WITH_UNCERTAINTY

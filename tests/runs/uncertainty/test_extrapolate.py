@@ -11,7 +11,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.backends.twin import solve_plan
 from dem_bridge.errors import NotAsymptotic, UsageError
-from dem_bridge.observables.accuracy import richardson
+from dem_bridge.observables.convergence import richardson
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.uncertainty import extrapolate
 from dem_bridge.trajectory.dense import Schedule

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 import dem_bridge as db
 from dem_bridge.errors import SceneError, UnsupportedScene
 from dem_bridge.scene.file import parse_scene
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from dem_bridge.scene.scene import DAMPING_LAWS, Scene
 
 #: the example of the contract, word for word

@@ -20,7 +20,7 @@ import dem_bridge as db
 from dem_bridge.errors import SceneError
 from dem_bridge.physics.contact_ellipse import cylinder_stiffness_paper
 from dem_bridge.scene.file import MAIN_SCENES, load_scene, parse_scene
-from dem_bridge.scene.file.physical import scattered
+from dem_bridge.scene.file.conversion import scattered
 from dem_bridge.scene.scene import DAMPING_LAWS, Damping, Scene, Wall
 from tests.helpers.quadruple_truth import Truth
 

@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from dem_bridge.errors import SceneError
 from dem_bridge.scene.file import parse_scene
 from dem_bridge.scene.file.bodies import chain
-from dem_bridge.scene.file.physical import normal_numbers, scattered
+from dem_bridge.scene.file.conversion import normal_numbers, scattered
 from dem_bridge.scene.geometry import Body, Geometry
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from tests.helpers.strategies import examples

@@ -19,7 +19,7 @@ from scipy.stats import binomtest
 
 import dem_bridge as db
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.scene.file.measurement import Measurement
+from dem_bridge.scene.file.load import Measurement
 
 Floats = NDArray[np.float64]
 MASS, STIFFNESS, SPEED, SPREAD = 0.01, 6e9, 0.8, 0.02

@@ -9,7 +9,7 @@ import pytest
 
 from dem_bridge.errors import SceneError, UsageError
 from dem_bridge.scene.file import parse_scene
-from dem_bridge.scene.file.measurement import measurement_of
+from dem_bridge.scene.file.load import measurement_of
 from dem_bridge.studies.measurement.readings import Reading, read_measurement
 from tests.helpers.synthetic import SCENE
 

@@ -11,7 +11,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
-from dem_bridge.observables.errors import ALL, Reading, Window
+from dem_bridge.observables.differences import ALL, Reading, Window
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.scene.scene import Scene, Wall

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 import dem_bridge as db
 from dem_bridge.cli import main
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
-from dem_bridge.observables.errors import Reading
+from dem_bridge.observables.differences import Reading
 from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.drawing import draw_figure

@@ -10,7 +10,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from dem_bridge.verification.regression import run
 from dem_bridge.verification.regression.compare import Change
 from dem_bridge.verification.regression.run import Selection, compare_engines

@@ -14,7 +14,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from dem_bridge.lmp.reader.laws import Materials, PairLaw, compliance
+from dem_bridge.lmp.reader.mixing import mixed_law
+from dem_bridge.lmp.reader.pair_laws import Materials, PairLaw, compliance
 from dem_bridge.lmp.reader.script import Command, Script
 
 #: normal model -> number of its coefficients
@@ -160,7 +161,7 @@ class Pairs:
         if left is None or right is None:
             problem = f"leaves types {low} and {high}, which meet, without pair_coeff"
             raise self.command.error(problem, f"pair_coeff {low} {high} or *")
-        return left.mixed(right, (low, high), self.command)
+        return mixed_law((left, right), (low, high), self.command)
 
     def _last(self, low: int, high: int) -> PairLaw | None:
         """Return the law of the last line that names both types, low <= high."""

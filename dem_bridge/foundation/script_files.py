@@ -1,4 +1,4 @@
-"""Open the files that a LAMMPS script names: below one folder only, of bounded size, and of the right kind."""
+"""LAMMPS input scripts as files: recognise one, and open the files that it names, of the right kind and size."""
 
 from __future__ import annotations
 
@@ -8,7 +8,28 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dem_bridge.foundation.files import named_file, text_of_file
-from dem_bridge.foundation.scripts import is_script
+
+_STYLES = "index|loop|string|equal|atom|atomfile|format|internal|delete|universe|world|uloop|getenv|file|vector"
+#: a line that begins as a command of LAMMPS, and not as an entry of TOML
+_COMMAND = re.compile(
+    rf"""^[ \t]*(?!\w+[ \t]*=)(?:
+    (?:units|atom_style|pair_style|bond_style|run_style|pair_coeff|read_data|read_restart|create_box|create_atoms
+       |timestep|thermo|thermo_style|thermo_modify|neighbor|neigh_modify|comm_modify|newton|dimension|lattice|run|include
+       |unfix|dump|compute|reset_timestep|hard_particles|communicate|atom_modify)[ \t]+\S
+    |boundary[ \t]+[pfsm]{{1,2}}[ \t] |(?:fix|region|velocity|mass)[ \t]+\S+[ \t]+\S |group[ \t]+\S+[ \t]+[a-z]
+    |variable[ \t]+\w+[ \t]+(?:{_STYLES})\b |set[ \t]+(?:atom|type|group|region)\b |jump[ \t]+SELF )""",
+    re.MULTILINE | re.VERBOSE,
+)
+
+
+def is_script(text: str) -> bool:
+    r"""Return True if a line of a text begins as a command of LAMMPS.
+
+    >>> is_script("# a chain\nunits si"), is_script("velocity = 0.5"), is_script("velocity all set 0.5")
+    (True, False, True)
+    """
+    return _COMMAND.search(text) is not None
+
 
 #: the number of atoms that a data file declares
 _DATA = re.compile(r"^[ \t]*\d+[ \t]+atoms\b", re.MULTILINE)

@@ -1,26 +1,111 @@
-"""The arguments of ``pair_coeff``: the law of each contact in the notation of ``pair_style granular``.
+"""The laws of contacts in a deck: atom types, ``pair_style`` and ``pair_coeff``, and the table files that they read.
 
-``hertz K`` is F = K sqrt(R_eff) overlap^1.5 with R_eff = R/2, hence K = beta / sqrt(R/2); ``hooke k`` is F = k overlap,
-the law of n = 2 (LAMMPS manual, *pair_style granular*). Damping adds eta overlap' (``velocity``) or eta m_eff
-sqrt(R_eff overlap) overlap' (``viscoelastic``) or eta m_eff overlap' (``mass_velocity``). For ``coeff_restitution`` and
-``tsuji`` it is alpha(e) sqrt(m_eff F/overlap) overlap' with the elastic force F, in which the radius cancels. With
-``limit_damping`` the sum is clipped at zero. Every float is written with all its digits.
+**Atom types.** LAMMPS stores one model per pair of types, and its memory grows with their square: one type per body
+takes 4.7 GB at 10,000 bodies. But only *neighbouring* bodies meet, and a law can be shared by contacts of equal
+stiffness.
+
+* All laws differ: an Eulerian circuit of the complete graph with loops on T types (T odd) visits all T(T+1)/2 unordered
+  pairs once. Bodies that take the types along the circuit have a different pair at each contact, so N contacts need
+  about sqrt(2N) types (Hierholzer 1873).
+* D laws recur: with D types and law ``(a + b) mod D`` for the pair (a, b), one type gives the required law at each next
+  contact (a symmetric Latin square).
+
+**Coefficients** of ``pair_style granular``. ``hertz K`` is F = K sqrt(R_eff) overlap^1.5 with R_eff = R/2, hence K =
+beta / sqrt(R/2); ``hooke k`` is F = k overlap, the law of n = 2 (LAMMPS manual, *pair_style granular*). Damping adds
+eta overlap' (``velocity``) or eta m_eff sqrt(R_eff overlap) overlap' (``viscoelastic``) or eta m_eff overlap'
+(``mass_velocity``). For ``coeff_restitution`` and ``tsuji`` it is alpha(e) sqrt(m_eff F/overlap) overlap' with the
+elastic force F, in which the radius cancels. With ``limit_damping`` the sum is clipped at zero. Every float is written
+with all its digits.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.lmp.force_table import LINES, ContactTable, Style, contact_table, points_for, zero_table
 from dem_bridge.physics.contact_law import ContactLaw, power_law
 from dem_bridge.scene import features
 from dem_bridge.scene.derived import derived, frozen
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.support import Condition, Exponents, Support, labels
+
+Types = NDArray[np.int64]
+
+
+def body_types(laws: NDArray[np.integer], how: str) -> Types:
+    """Return types 1..T of ``len(laws) + 1`` bodies in a row, such that equal pairs of types have equal laws.
+
+    Parameters
+    ----------
+    laws : ndarray of int
+        Law of each contact, 0..D-1.
+    how : {"euler", "per-body"}
+        "euler" uses the better of the two ways above, "per-body" one type for each body.
+
+    Examples
+    --------
+    >>> body_types(np.array([0, 1, 1, 0, 1]), "euler").tolist()
+    [1, 1, 2, 1, 1, 2]
+    >>> [int(max(body_types(np.arange(n), "euler"))) for n in (1, 40, 10_000)]
+    [1, 9, 141]
+    """
+    contacts = len(laws)
+    if how == "per-body":
+        return np.arange(1, contacts + 2)
+    distinct = int(np.max(laws, initial=-1)) + 1
+    return latin_types(laws, distinct) if distinct < _types_needed(contacts) else euler_types(contacts)
+
+
+def latin_types(laws: NDArray[np.integer], distinct: int) -> Types:
+    """Return types 1..``distinct`` such that the pair (a, b), counted from 0, has the law ``(a + b) mod distinct``."""
+    # t_k = s_k - t_(k-1): an alternating sum
+    sign = np.where(np.arange(len(laws) + 1) % 2 == 0, 1, -1)
+    steps = np.concatenate([[0], np.asarray(laws, dtype=np.int64)])
+    return np.asarray(sign * np.cumsum(sign * steps) % max(distinct, 1) + 1)
+
+
+def _types_needed(contacts: int) -> int:
+    """Return the smallest odd number of types with enough pairs."""
+    types = math.isqrt(2 * contacts)
+    while types % 2 == 0 or types * (types + 1) // 2 < contacts:
+        types += 1
+    return types
+
+
+def euler_types(contacts: int) -> Types:
+    """Return types 1..T of ``contacts + 1`` bodies in a row, such that no unordered pair of neighbours occurs twice.
+
+    Examples
+    --------
+    >>> euler_types(5).tolist()
+    [1, 1, 2, 2, 3, 3]
+    """
+    if contacts < 0:
+        raise ValueError(f"contacts = {contacts}; allowed: >= 0")
+    types = _types_needed(contacts)
+    # Hierholzer: `upto[a]` runs over the partners of a; each pair is used once, from either end
+    used = bytearray(types * types)
+    upto = [0] * types
+    stack, circuit = [0], []
+    while stack:
+        here = stack[-1]
+        while upto[here] < types and used[here * types + upto[here]]:
+            upto[here] += 1
+        if upto[here] == types:
+            circuit.append(stack.pop() + 1)
+            continue
+        other = upto[here]
+        used[here * types + other] = used[other * types + here] = 1
+        stack.append(other)
+    circuit.reverse()
+    return np.array(circuit[: contacts + 1], dtype=np.int64)
+
 
 #: force ~ overlap^(n-1) -> LAMMPS' normal model
 MODELS = {2.0: "hooke", 2.5: "hertz"}
@@ -204,3 +289,120 @@ def pairs(types: NDArray[np.int64]) -> Iterator[tuple[int, int, int, int]]:
     for at in np.argsort(first).tolist():
         place = int(first[at])
         yield int(low[place]), int(high[place]), place, int(count[at])
+
+
+#: range of a table relative to the largest overlap of the prescan
+MARGIN = 1.1
+#: range of a table of a contact that never closed in the prescan, relative to the largest overlap of all contacts
+_UNTOUCHED = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pairing:
+    """The pair commands of a deck."""
+
+    note: str
+    """Meaning of the coefficients, as a comment for readers."""
+    head: tuple[str, ...]
+    """``pair_style``, and the coefficients of the pairs without contact."""
+    behind: tuple[tuple[str, ...], ...]
+    """Arguments of ``pair_coeff I J``, one line or more for each law."""
+    files: Mapping[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableSet:
+    """The tables of a scene.
+
+    :func:`table_set` computes it.
+    """
+
+    style: Style
+    points: int
+    """Number of points of LAMMPS' internal tables."""
+    tables: Mapping[int, ContactTable]
+    """Table of each law, except damped laws that ``granular`` has, because only ``granular`` can clip the net force."""
+
+
+def granular(laws: Laws, radius: float) -> Pairing:
+    """Return the pair commands of ``pair_style granular`` for bodies of ``radius`` (m)."""
+    return Pairing(
+        note="stiffness K = beta / sqrt(R/2)",
+        head=("pair_style      granular", f"pair_coeff      * * {NOTHING}"),
+        behind=tuple((laws.coefficients(law, radius),) for law in range(len(laws.stiffness))),
+        files=MappingProxyType({}),
+    )
+
+
+def table_set(
+    laws: Laws,
+    *,
+    radius: float,
+    peak_overlap: NDArray[np.float64],
+    pairs: int,
+    style: Style = "spline",
+    lines: int | None = None,
+    points: int | None = None,
+) -> TableSet:
+    """Return one table for each law, whose range follows from the largest overlap of its contacts.
+
+    Parameters
+    ----------
+    laws : Laws
+        The laws of the scene.
+    radius : float
+        Radius of the bodies, m.
+    peak_overlap : ndarray
+        Largest overlap of each contact along the line of atoms, m.
+    pairs : int
+        Number of ``pair_coeff`` lines, which share the memory unless ``points`` is given.
+    style : {"linear", "spline"}
+        LAMMPS' interpolation.
+    lines, points : int, optional
+        Lines of each file, and points of LAMMPS' internal tables.
+    """
+    deepest = np.zeros(len(laws.stiffness))
+    np.maximum.at(deepest, laws.where, peak_overlap)
+    reach = np.maximum(MARGIN * deepest, _UNTOUCHED * (float(np.max(deepest, initial=0.0)) or radius))
+    points = points or points_for(pairs + 1)
+    tables = {}
+    for law in range(len(laws.stiffness)):
+        if laws.left_to_granular(law):
+            continue
+        tables[law] = contact_table(
+            laws.law(law),
+            keyword=f"LAW{law}",
+            diameter=2.0 * radius,
+            reach=float(reach[law]),
+            points=points,
+            lines=lines or LINES,
+        )
+    return TableSet(style=style, points=points, tables=MappingProxyType(tables))
+
+
+def tabled(laws: Laws, radius: float, table_set: TableSet, name: str) -> Pairing:
+    """Return the pair commands of ``pair_style table``; with damping, ``hybrid/overlay`` with ``granular``."""
+    # contacts that are left to granular have no table, so their overlap has no bound
+    reach = radius if laws.damped else None
+    none = zero_table(keyword="NONE", diameter=2.0 * radius, reach=reach)
+    files = {f"{name}.none.table": none.text}
+    files |= {f"{name}.{law}.table": table.text for law, table in table_set.tables.items()}
+    style = f"table {table_set.style} {table_set.points}"
+
+    kind, overlay = ("table ", "hybrid/overlay ") if laws.damped else ("", "")
+    behind = []
+    for law in range(len(laws.stiffness)):
+        table = table_set.tables.get(law)
+        if table is None:
+            behind.append((f"granular {laws.coefficients(law, radius)}",))
+            continue
+        dashpot = (f"granular {laws.dashpot(law)}",) if laws.eta[law] > 0.0 else ()
+        behind.append((f"{kind}{name}.{law}.table {table.keyword}", *dashpot))
+    pulls = "; damping is added and can make a contact tensile where granular lacks its law" if laws.clip else ""
+    head = (
+        f"pair_style      {overlay}{style}{' granular' * laws.damped}",
+        f"pair_coeff      * * {kind}{name}.none.table NONE",
+        *([f"pair_coeff      * * granular {NOTHING}"] if laws.damped else []),
+    )
+    note = f"forces from tables, exact at their lines{pulls}"
+    return Pairing(note=note, head=head, behind=tuple(behind), files=MappingProxyType(files))

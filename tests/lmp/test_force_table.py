@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.errors import UsageError
-from dem_bridge.lmp.table import (
+from dem_bridge.lmp.force_table import (
     LINES,
     POINTS,
     ContactTable,

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.errors import NotAsymptotic, UsageError
-from dem_bridge.observables import accuracy
-from dem_bridge.observables.accuracy import (
+from dem_bridge.observables import convergence
+from dem_bridge.observables.convergence import (
     FINEST_ACCURACY,
     MOST_ORDER,
     checked_accuracy,
@@ -194,9 +194,9 @@ def test_an_order_less_than_a_tenth_from_the_formal_one_is_clean(order: float) -
 
 def test_the_window_of_the_order_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     distance = abs(richardson([4.0, 2.0, 1.0], _of_order(2.05), order=2).order - 2.0)
-    monkeypatch.setattr(accuracy, "ORDER_WINDOW", distance)
+    monkeypatch.setattr(convergence, "ORDER_WINDOW", distance)
     assert richardson([4.0, 2.0, 1.0], _of_order(2.05), order=2).order > 2.0
-    monkeypatch.setattr(accuracy, "ORDER_WINDOW", math.nextafter(distance, 0.0))
+    monkeypatch.setattr(convergence, "ORDER_WINDOW", math.nextafter(distance, 0.0))
     with pytest.raises(NotAsymptotic, match=r"observed order 2\.050"):
         richardson([4.0, 2.0, 1.0], _of_order(2.05), order=2)
 
@@ -387,9 +387,9 @@ def test_an_order_above_eight_is_by_chance(order: float, chance: bool) -> None:
 
 def test_the_largest_order_itself_is_none_by_chance(monkeypatch: pytest.MonkeyPatch) -> None:
     order = grid_convergence_index(*NASA).order
-    monkeypatch.setattr(accuracy, "MOST_ORDER", order)
+    monkeypatch.setattr(convergence, "MOST_ORDER", order)
     assert grid_convergence_index(*NASA).reason == ""
-    monkeypatch.setattr(accuracy, "MOST_ORDER", math.nextafter(order, 0.0))
+    monkeypatch.setattr(convergence, "MOST_ORDER", math.nextafter(order, 0.0))
     assert "agree by chance" in grid_convergence_index(*NASA).reason
 
 

@@ -17,7 +17,7 @@ from dem_bridge.cli import main
 from dem_bridge.errors import SceneError
 from dem_bridge.judging.deck import UserDeck
 from dem_bridge.judging.limits import deck_limits
-from dem_bridge.lmp.mixing import mixing_warning, stated_release
+from dem_bridge.lmp.reader.mixing import mixing_warning, stated_release
 from tests.helpers.lammps_scripts import read, script
 
 END = "tangential linear_nohistory 0 0 damping velocity"

@@ -1,7 +1,7 @@
 """Evaluation of a LAMMPS input script as LAMMPS does it, up to its first run: particles, pair laws, fixes, steps.
 
 Commands that do not affect the motion are skipped by name. All others are evaluated, or recorded as unsupported with
-file and line. :mod:`.fixes` evaluates fixes, and :mod:`.scene` converts the result to a Scene.
+file and line. :mod:`.fixes` evaluates fixes, and :mod:`.conversion` converts the result to a Scene.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from itertools import pairwise
 
 from dem_bridge.errors import SceneError
 from dem_bridge.foundation.numbers import whole_number
-from dem_bridge.lmp.reader import laws
+from dem_bridge.lmp.reader import pair_laws
 from dem_bridge.lmp.reader.fixes import Fixes, Forces
-from dem_bridge.lmp.reader.pairs import Pairs
+from dem_bridge.lmp.reader.pair_commands import Pairs
 from dem_bridge.lmp.reader.particles import Particles
 from dem_bridge.lmp.reader.script import Command, Opened, Script, given_variables
 
@@ -98,7 +98,7 @@ class ReadScript:
         if command.name in ("dump", "dump_modify"):
             self._frames(command)
         command = _without_suffix(command)
-        silent = SILENT | (laws.SILENT_COMMANDS if self.fixes.liggghts else frozenset())
+        silent = SILENT | (pair_laws.SILENT_COMMANDS if self.fixes.liggghts else frozenset())
         if command.name not in (*silent, *supported):
             allowed = f"{', '.join(supported)}, and commands without effect on the motion, such as thermo and dump"
             raise command.error("is not supported and may change the motion", allowed)
@@ -256,7 +256,7 @@ def read_script(text: str, *, file: str, opened: Opened, variables: Mapping[str,
     """
     script = Script(opened, given_variables(variables), silent=SILENT - {"dump", "dump_modify"})
     state = ReadScript(script, Particles(script), Pairs(script))
-    if laws.is_liggghts(text):
+    if pair_laws.is_liggghts(text):
         state.fixes.liggghts = state.particles.keep_density = True
         state.notes.append("the script is for LIGGGHTS; walls have the material of their type")
     for command in script.commands(file, text):

@@ -10,8 +10,8 @@ import pytest
 from dem_bridge.errors import SceneError
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.file import load_scene, parse_scene
-from dem_bridge.scene.file.drive import read_force
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.measured_force import read_force
+from dem_bridge.scene.file.write import scene_toml
 from tests.helpers.driven_chains import DRIVES, TOUCHING, driven
 from tests.scene.file.test_load import PHYSICAL, RAW
 

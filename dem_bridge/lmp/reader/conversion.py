@@ -17,11 +17,11 @@ import numpy as np
 
 from dem_bridge.errors import BlockedScript, SceneError
 from dem_bridge.foundation.numbers import whole_number
-from dem_bridge.lmp.coefficients import BY_EFFECTIVE_MASS, DAMPINGS
-from dem_bridge.lmp.reader import laws
-from dem_bridge.lmp.reader.deck import UNITS, ReadScript, read_script
+from dem_bridge.lmp.pair_coefficients import BY_EFFECTIVE_MASS, DAMPINGS
+from dem_bridge.lmp.reader import pair_laws
+from dem_bridge.lmp.reader.chain import Line, axis_of, line_of
+from dem_bridge.lmp.reader.evaluation import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.fixes import Forces
-from dem_bridge.lmp.reader.line import Line, axis_of, line_of
 from dem_bridge.lmp.reader.script import Opened
 from dem_bridge.scene.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
 
@@ -111,7 +111,7 @@ def read_deck(
         except SceneError as error:
             blockers.append(error)
     if script.fixes.liggghts:
-        blockers.insert(0, SceneError("", problem="this is a LIGGGHTS script", allowed=laws.ABOUT, where=file))
+        blockers.insert(0, SceneError("", problem="this is a LIGGGHTS script", allowed=pair_laws.ABOUT, where=file))
     raise BlockedScript(blockers)
 
 

@@ -1,15 +1,51 @@
-"""Pairs of types without coefficients of their own, which releases of LAMMPS mix differently."""
+"""Mixing: the law of two types without coefficients of their own, and the releases of LAMMPS that mix otherwise."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 
 from dem_bridge.lmp import log
+from dem_bridge.lmp.reader.pair_laws import PairLaw, compliance
+from dem_bridge.lmp.reader.script import Command
 
 #: first release that mixes the coefficients of ``pair_style granular`` as today: lammps#3807 of June 2023 ended a
 #: second mixing. Measured: 29 Sep 2021 gives other velocities than 22 Jul 2025, and the same if the pair has a line
 MIXES_AS_TODAY = 20230802
+
+
+def mixed_law(laws: tuple[PairLaw, PairLaw], types: tuple[int, int], command: Command) -> PairLaw:
+    """Return the law that LAMMPS mixes for two ``types`` i and j from the ``laws`` of i with i and j with j.
+
+    A stiffness, a damping coefficient and a surface energy are the geometric means of the two; two materials act as two
+    springs in series (LAMMPS manual, *pair_style granular*).
+
+    Raises
+    ------
+    SceneError
+        If the two laws are of different kinds, at ``command``, which is ``pair_style``.
+    """
+    first, second = laws
+    alike, others = ((law.model, law.damping, law.clip, law.material is None, law.surface_energy > 0.0) for law in laws)
+    if alike != others:
+        raise command.error("leaves two types that meet without coefficients", "pair_coeff I J for these types")
+    eta = math.sqrt(first.eta * second.eta)
+    gamma = math.sqrt(first.surface_energy * second.surface_energy)
+    if first.material is None or second.material is None:
+        stiffness, material = math.sqrt(first.stiffness * second.stiffness), None
+        numbers = [stiffness, eta]
+    else:
+        both = compliance(*first.material) + compliance(*second.material)
+        stiffness, material, poisson = 4.0 / 3.0 / both, first.material, first.material[1]
+        numbers = [2.0 * (1.0 - poisson**2) / both, eta, poisson]
+    numbers += [gamma] if first.surface_energy > 0.0 else []
+    name, words = first.command.rest[2], first.command.rest[3:]
+    numbers += [0.0] if name == "dmt" and len(numbers) < 4 else []
+    text = " ".join((*map(str, types), name, *map(repr, numbers), *words[len(numbers) :]))
+    return PairLaw(
+        first.command, first.model, stiffness, eta, first.damping, first.clip, material, gamma, f"pair_coeff {text}"
+    )
 
 
 def stated_release(text: str) -> int:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.file import load_scene, parse_scene, shipped_scenes
-from dem_bridge.scene.file.text import scene_toml
+from dem_bridge.scene.file.write import scene_toml
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from tests.helpers.random_scenes import DRAWS, drawn
 from tests.helpers.strategies import ANY, HALVES, damped_scenes, examples, scenes

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dem_bridge.lmp.encoding import body_types, euler_types, latin_types
+from dem_bridge.lmp.pair_coefficients import body_types, euler_types, latin_types
 
 
 @given(contacts=st.integers(0, 3000))

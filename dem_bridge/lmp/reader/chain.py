@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
-from dem_bridge.lmp.reader.deck import ReadScript
+from dem_bridge.lmp.reader.evaluation import ReadScript
 from dem_bridge.lmp.reader.fixes import Forces, Plane
-from dem_bridge.lmp.reader.laws import PairLaw
+from dem_bridge.lmp.reader.pair_laws import PairLaw
 from dem_bridge.lmp.reader.particles import Particle
 from dem_bridge.lmp.reader.script import Command
 

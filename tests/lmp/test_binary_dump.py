@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dem_bridge.errors import RunBroken
-from dem_bridge.lmp.output import read_binary_dump
+from dem_bridge.lmp.binary_dump import read_binary_dump
 from tests.helpers.dumps import frame
 
 ROWS = [[1.0, 0.1, -0.8, 1e-300], [2.0, math.pi, 5e-324, -math.inf]]

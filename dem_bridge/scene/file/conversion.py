@@ -1,7 +1,8 @@
-"""The Scene of a file in physical form, whose numbers are computed from bodies.
+"""Convert scene files in raw and in physical form to Scenes, and what all forms have in common.
 
-Masses are density times volume; stiffnesses are those of Hertz contacts. Both are rounded to 12 significant digits as
-they enter the Scene, so that decks do not depend on the last bit of a library.
+In physical form numbers are computed from bodies: masses are density times volume, stiffnesses those of Hertz contacts.
+Both are rounded to 12 significant digits as they enter the Scene, so that decks do not depend on the last bit of a
+library.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
-from itertools import accumulate, repeat
+from itertools import accumulate, pairwise, repeat
 from operator import mul
 from statistics import NormalDist
 from typing import Any
@@ -20,9 +21,51 @@ from numpy.typing import NDArray
 
 from dem_bridge.errors import SceneError
 from dem_bridge.foundation.numbers import LARGEST, SMALLEST, checked_number, checked_numbers
-from dem_bridge.scene.file import body_forms, raw
+from dem_bridge.scene.file import forms
+from dem_bridge.scene.file.forms import CylinderScene, PatternScene, RawScene, SphereScene, WallTable
 from dem_bridge.scene.geometry import ANGLE, Body, Geometry, Material
-from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.scene import Scene, Wall
+
+
+def effective_radii(bodies: Sequence[Body], walls: tuple[bool, bool]) -> list[float] | None:
+    """Return the effective radii of all contacts, m, those of the left and the right wall last; None if not spheres."""
+    if not bodies or any(body.shape != "sphere" for body in bodies):
+        return None
+    radii = [body.radius for body in bodies]
+    links = [1.0 / (1.0 / first + 1.0 / second) for first, second in pairwise(radii)]
+    return links + [radius for radius, wall in zip((radii[0], radii[-1]), walls, strict=True) if wall]
+
+
+def in_common(
+    file: RawScene | CylinderScene | SphereScene | PatternScene, bodies: Sequence[Body] = ()
+) -> dict[str, Any]:
+    """Return the arguments of a Scene that all forms share; ``bodies`` if they are known."""
+    chain, damping = file.chain, file.chain.damping
+    radii = effective_radii(bodies, (chain.wall_left is not None, chain.wall_right is not None))
+
+    def wall(table: WallTable | None) -> Wall | None:
+        return None if table is None else Wall(stiffness=table.stiffness, gap=table.gap, exponent=table.exponent)
+
+    return {
+        "name": file.name,
+        "description": file.description,
+        "duration": file.duration,
+        "wall_left": wall(chain.wall_left),
+        "wall_right": wall(chain.wall_right),
+        "precompression": 0.0 if chain.precompression is None else chain.precompression.force,
+        "damping": None if damping is None else damping.damping(),
+        "adhesion": None if chain.adhesion is None else chain.adhesion.adhesion(radii),
+        "drive": None if chain.drive is None else chain.drive.drive(file.duration),
+        "samples": file.sampling.count,
+        **file.environment.model_dump(),
+    }
+
+
+def from_raw(file: RawScene) -> Scene:
+    """Return the Scene of a file in raw form."""
+    shared = in_common(file)
+    return Scene(**file.chain.model_dump(exclude=set(shared)), **shared)
+
 
 #: exponent n of a Hertz contact
 HERTZ = 2.5
@@ -72,7 +115,7 @@ def scattered(angles: Sequence[float], *, scatter: float, seed: int) -> tuple[fl
     return tuple(map(perturbed, angles, normal_numbers(seed)))
 
 
-def from_cylinders(file: body_forms.CylinderScene) -> Scene:
+def from_cylinders(file: forms.CylinderScene) -> Scene:
     """Return the Scene of cylinders across the chain; ``mass_gradient`` changes only their heights and masses."""
     cylinders, contacts, material = file.chain.cylinders, file.chain.contacts, _material(file)
     growth = [1.0 + cylinders.mass_gradient * i for i in range(1, cylinders.count + 1)]
@@ -91,7 +134,7 @@ def from_cylinders(file: body_forms.CylinderScene) -> Scene:
     return _scene(file, contacts, bodies, stiffness, 2.0 * cylinders.radius, crossing)
 
 
-def from_spheres(file: body_forms.SphereScene) -> Scene:
+def from_spheres(file: forms.SphereScene) -> Scene:
     """Return the Scene of spheres, each radius ``ratio`` times the previous one; it has a spacing if all are equal."""
     spheres, material = file.chain.spheres, _material(file)
     radii = list(accumulate(repeat(spheres.ratio, spheres.count - 1), mul, initial=spheres.radius))
@@ -109,7 +152,7 @@ def _touching(first: Body, second: Body) -> float:
 
 
 def _crossed(
-    contacts: body_forms.CylinderContacts, links: int, *, radius: float, material: Material
+    contacts: forms.CylinderContacts, links: int, *, radius: float, material: Material
 ) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
     """Return angles (None if the stiffness determines them) and stiffnesses of equal cylinders, ``(links,)`` both."""
     from dem_bridge.physics.hertz import angle_of_stiffness, crossed_cylinders
@@ -146,7 +189,7 @@ def _crossed(
     return angles, tuple(map(stiffness_at, angles))
 
 
-def _check_way(contacts: body_forms.CylinderContacts) -> None:
+def _check_way(contacts: forms.CylinderContacts) -> None:
     """Raise SceneError unless the angles are specified completely in one of the three ways."""
     allowed = "angle, or angles, or first_angle with last_angle and grading"
     present = [key for way in WAYS for key in way if getattr(contacts, key) is not None]
@@ -178,8 +221,8 @@ def _in_power(stiffness: float, n: float, matching_overlap: float | None) -> flo
 
 
 def _scene(
-    file: body_forms.CylinderScene | body_forms.SphereScene,
-    contacts: body_forms.SphereContacts,
+    file: forms.CylinderScene | forms.SphereScene,
+    contacts: forms.SphereContacts,
     bodies: tuple[Body, ...],
     stiffness: tuple[float, ...],
     spacing: float | None,
@@ -212,7 +255,7 @@ def _scene(
             crossing = {**crossing, key: (None if body.shape == "sphere" else crossing[key][0], *crossing[key])}
         bodies = (body, *bodies)
     numbers: dict[str, Any] = {**columns, "velocity": velocity, "spacing": spacing}
-    return Scene(**numbers, geometry=Geometry(bodies=bodies, **crossing), **raw.in_common(file, bodies))
+    return Scene(**numbers, geometry=Geometry(bodies=bodies, **crossing), **in_common(file, bodies))
 
 
 def checked_velocity(velocity: Numbers, count: int, per: str) -> tuple[float, ...]:
@@ -223,7 +266,7 @@ def checked_velocity(velocity: Numbers, count: int, per: str) -> tuple[float, ..
     return checked_numbers("velocity", velocity, allowed, count=count, per=per)
 
 
-def start_velocity(chain: body_forms.PhysicalChain, count: int) -> tuple[float, ...]:
+def start_velocity(chain: forms.PhysicalChain, count: int) -> tuple[float, ...]:
     """Return the start velocities, m/s: the striker's and ``count`` zeros, or ``chain.velocity`` without a striker."""
     if chain.striker is None:
         return checked_velocity(chain.velocity or 0.0, count, "body of the chain")
@@ -233,7 +276,7 @@ def start_velocity(chain: body_forms.PhysicalChain, count: int) -> tuple[float, 
     return (chain.striker.velocity, *[0.0] * count)
 
 
-def check_alone(striker: body_forms.Striker) -> None:
+def check_alone(striker: forms.Striker) -> None:
     """Raise SceneError if a striker that is like another body has further properties."""
     for key in ("radius", "mass", "stiffness", "exponent", "material"):
         if getattr(striker, key, None) is not None:
@@ -241,7 +284,7 @@ def check_alone(striker: body_forms.Striker) -> None:
             raise SceneError(f"striker.{key}", problem="cannot be combined with like", allowed=allowed)
 
 
-def sphere_of(striker: body_forms.Striker, material: Material) -> Body:
+def sphere_of(striker: forms.Striker, material: Material) -> Body:
     """Return the striker's body, a sphere of its radius or, without a radius, of its mass."""
     if striker.radius is None:
         for key in ("mass", "stiffness"):
@@ -255,6 +298,6 @@ def sphere_of(striker: body_forms.Striker, material: Material) -> Body:
     return Body(shape="sphere", radius=radius, material=material)
 
 
-def _material(file: body_forms.PhysicalScene) -> Material:
+def _material(file: forms.PhysicalScene) -> Material:
     """Return the material of the file."""
     return Material(**file.material.model_dump())
