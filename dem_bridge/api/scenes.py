@@ -13,7 +13,7 @@ from dem_bridge.foundation.files import text_of_file
 from dem_bridge.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from dem_bridge.lmp.reader.conversion import ReadDeck
+    from dem_bridge.lmp.reader.to_scene import ReadDeck
 
 #: fields of a Scene that are columns of a table or parameters of scene_from_csv
 _IN_TABLES = ("mass", "velocity", "stiffness", "exponent", "gap", "name", "duration", "law")
@@ -71,7 +71,7 @@ def scene_from_csv(
     ('pair', (0.008, 0.01), (4000000000.0,), 9.81)
     """
     check_arguments(scene_from_csv, locals())
-    from dem_bridge.lmp.reader.conversion import scene_name
+    from dem_bridge.lmp.reader.to_scene import scene_name
     from dem_bridge.scene.file.scene_csv import scene_of_csv
 
     for key in scene_fields:
@@ -168,7 +168,7 @@ def scene_from_deck(
 def deck_read(path: Path, *, files_below: str | Path | None = None, **settings: Any) -> ReadDeck:
     """Return the scene of a LAMMPS input script, as :func:`scene_from_deck`, with notes on how it was read."""
     from dem_bridge.foundation.script_files import files_of, is_script
-    from dem_bridge.lmp.reader.conversion import read_deck
+    from dem_bridge.lmp.reader.to_scene import read_deck
 
     kind = "a LAMMPS input script"
     text = _text(path, kind)

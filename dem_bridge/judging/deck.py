@@ -25,9 +25,9 @@ from dem_bridge.judging.stated import differences, of_any_contact
 from dem_bridge.lmp.binary_dump import read_binary_dump
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import run_deck, workspace
-from dem_bridge.lmp.reader.conversion import ReadDeck, read_deck
 from dem_bridge.lmp.reader.evaluation import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.script import Command, Opened, Script, given_variables
+from dem_bridge.lmp.reader.to_scene import ReadDeck, read_deck
 from dem_bridge.scene.scene import Scene
 
 #: the added dump, and its file

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dem_bridge.lmp.reader.conversion import ReadDeck, read_deck
+from dem_bridge.lmp.reader.to_scene import ReadDeck, read_deck
 
 #: three balls and a clamped one, along x; every part can be changed by its name
 PARTS = {

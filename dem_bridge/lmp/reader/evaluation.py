@@ -1,7 +1,7 @@
 """Evaluation of a LAMMPS input script as LAMMPS does it, up to its first run: particles, pair laws, fixes, steps.
 
 Commands that do not affect the motion are skipped by name. All others are evaluated, or recorded as unsupported with
-file and line. :mod:`.fixes` evaluates fixes, and :mod:`.conversion` converts the result to a Scene.
+file and line. :mod:`.fixes` evaluates fixes, and :mod:`.to_scene` converts the result to a Scene.
 """
 
 from __future__ import annotations

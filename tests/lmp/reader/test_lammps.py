@@ -256,7 +256,7 @@ WORDS: dict[str, dict[str, str]] = {
 }  # fmt: skip
 
 
-#: the other words are run in the deep suite; what they become is checked without LAMMPS in test_conversion
+#: the other words are run in the deep suite; what they become is checked without LAMMPS in test_to_scene
 _QUICK = ("hertz/history", "restitution", "region plane", "dmt", "loop")
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import BlockedScript
-from dem_bridge.lmp.reader.conversion import ReadDeck, read_deck
+from dem_bridge.lmp.reader.to_scene import ReadDeck, read_deck
 from dem_bridge.scene.scene import Damping
 
 #: a script that names no file
