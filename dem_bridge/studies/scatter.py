@@ -34,6 +34,7 @@ from dem_bridge.scene.file.conversion import rounded
 from dem_bridge.scene.file.conversion import scattered as turned_by_chance
 from dem_bridge.scene.geometry import Geometry
 from dem_bridge.scene.scene import Scene
+from dem_bridge.studies.recalled import recall_study
 from dem_bridge.trajectory.trajectory import Floats
 from dem_bridge.verification.reference import REFERENCE
 
@@ -248,8 +249,8 @@ def study_scatter(
     effect : float
         Wanted largest relative change of arrival and V_out/V_in in nine chains of ten, for which the tolerance of the
         angles is computed.
-    jobs, store : as in :func:`dem_bridge.study`, for chains that the reference solves
-    executor, progress : as in :func:`dem_bridge.ensemble`
+    jobs : as in :func:`dem_bridge.study`, for chains that the reference solves
+    executor, progress, store : as in :func:`dem_bridge.ensemble`
 
     Returns
     -------
@@ -263,15 +264,20 @@ def study_scatter(
         For a setting out of its range.
     """
     check_setting("effect", effect, "a relative change above 0, up to 1", most=1.0)
+    draws: dict[str, Any] = {"spread": spread, "count": count, "seed": seed}
     if LANED.unsupported_reason(scene):
-        cases = cases_of(scene, spread=spread, count=count, seed=seed)
+        cases = cases_of(scene, **draws)
         results = run_cases(cases, jobs=executor or jobs, progress=progress, store=store)
         return study_of(chains_of(scene, results, spread=spread, seed=seed))
-    settings: dict[str, Any] = {"executor": executor, "progress": progress}
-    chains = solve_scattered(scene, spread=spread, count=count, seed=seed, samples=_SAMPLES, **settings)
-    return study_of(
-        chains, find_tolerances(chains, sorted({effect, *EFFECTS}), min(count, _CHAINS), **settings), effect
-    )
+
+    def solved() -> Study:
+        run: dict[str, Any] = {"executor": executor, "progress": progress}
+        chains = solve_scattered(scene, **draws, samples=_SAMPLES, **run)
+        tolerances = find_tolerances(chains, sorted({effect, *EFFECTS}), min(count, _CHAINS), **run)
+        return study_of(chains, tolerances, effect)
+
+    _check_settings(**draws)
+    return recall_study("scatter", store, solved, scene, effect=effect, **draws)
 
 
 @dataclass(frozen=True, kw_only=True)

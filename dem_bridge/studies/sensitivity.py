@@ -18,7 +18,9 @@ from dem_bridge.report.columns import RELATIVE, Column, Unit
 from dem_bridge.report.study import FigureData, Map, Series, Study, Table, check_setting
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Progress
+from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Scene
+from dem_bridge.studies.recalled import recall_study
 from dem_bridge.trajectory.trajectory import Floats
 
 TEXTS = Texts("sensitivity", "dem_bridge.studies")
@@ -46,6 +48,7 @@ def study_sensitivity(
     seed: int = 0,
     executor: Executor | None = None,
     progress: Progress | None = None,
+    store: Store | None = None,
 ) -> Study:
     """Measure how much each contact's or body's error contributes to the spread of arrival, speeds and forces.
 
@@ -66,7 +69,7 @@ def study_sensitivity(
         Wanted relative standard deviation of the arrival, for which the tolerance is computed.
     seed : int
         Seed of the draws.
-    executor, progress : as in :func:`dem_bridge.ensemble`
+    executor, progress, store : as in :func:`dem_bridge.ensemble`
 
     Returns
     -------
@@ -89,6 +92,21 @@ def study_sensitivity(
     size = _SPREADS[vary] if spread is None else spread
     check_setting("spread", size, "a standard deviation above 0: degrees, relative, or m")
     variation = Variation(scene=scene, vary={vary: size}, seed=seed)
+
+    def estimated() -> Study:
+        return _study(variation, base, effect, executor, progress)
+
+    return recall_study(
+        "sensitivity", store, estimated, scene, vary=dict(variation.vary), seed=seed, base=base, effect=effect
+    )
+
+
+def _study(
+    variation: Variation, base: int, effect: float, executor: Executor | None, progress: Progress | None
+) -> Study:
+    """Return the study of a variation of one number; arguments as in :func:`study_sensitivity`."""
+    scene, seed = variation.scene, variation.seed
+    ((vary, size),) = variation.vary.items()
     links = scene.n_body - 1
 
     def measures(values: dict[str, Floats]) -> Floats:

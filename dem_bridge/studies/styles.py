@@ -42,8 +42,10 @@ from dem_bridge.report.columns import SECOND, Column
 from dem_bridge.report.study import FigureData, Series, Study
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Progress
+from dem_bridge.runs.store import Store
 from dem_bridge.runs.uncertainty.fixed_step import REALISATIONS, last_digit
 from dem_bridge.scene.scene import Scene
+from dem_bridge.studies.recalled import recall_study
 from dem_bridge.trajectory.relative import SMALLEST_SCALE, relative_size
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 
@@ -241,6 +243,7 @@ def study_styles(
     time_limit: float = 3600.0,
     engine: Engine | None = None,
     progress: Progress | None = None,
+    store: Store | None = None,
 ) -> Study:
     """Run a scene through every pair style, wall and suffix of LAMMPS and compare each with the twin.
 
@@ -254,7 +257,7 @@ def study_styles(
         Largest time step, s. None: that of the backend.
     time_limit : float
         Longest wall time of one run, s.
-    engine, progress : as in :func:`dem_bridge.study`
+    engine, progress, store : as in :func:`dem_bridge.study`
 
     Returns
     -------
@@ -270,9 +273,13 @@ def study_styles(
     UsageError
         For a time step that cannot be.
     """
-    base = base_of(scene, dt=dt, engine=engine, time_limit=time_limit)
-    rows = rows_of(base, WAYS, progress=progress)
-    return study_of(base, rows)
+    engine = engine or Engine.chosen()
+
+    def compared() -> Study:
+        base = base_of(scene, dt=dt, engine=engine, time_limit=time_limit)
+        return study_of(base, rows_of(base, WAYS, progress=progress))
+
+    return recall_study("styles", store, compared, scene, engine, dt=dt, time_limit=time_limit)
 
 
 def base_of(scene: Scene, *, dt: float | None, engine: Engine | None = None, time_limit: float = 3600.0) -> Base:

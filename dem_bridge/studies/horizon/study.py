@@ -11,8 +11,9 @@ single velocities are UNDECIDED. A long run of the twin shows whether its energy
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import contact_time_of
 from dem_bridge.studies.horizon import runs
 from dem_bridge.studies.horizon.verdicts import TEXTS, answer, figures, tables, verdicts
+from dem_bridge.studies.recalled import recall_study
 from dem_bridge.trajectory.dense import MOST_STEPS, Schedule
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.reference import REFERENCE
@@ -89,15 +91,35 @@ def study_horizon(
     _check_settings(duration, steps, perturbations, seed)
     scene = replace(scene, duration=duration or scene.duration, samples=max(SAMPLES, scene.samples))
     plan = fixed_step_plan(scene, Resolution(dt=dt), Sampling(count=scene.samples), prescan_scene(scene))
+    requested = plan.steps if steps is None else steps
+    engine = engine or Engine.chosen()
+    draws = {"perturbations": perturbations, "seed": seed}
+
+    def measured() -> Study:
+        return _measured(scene, plan, requested, draws, engine, {"jobs": jobs, "store": store}, progress)
+
+    return recall_study("horizon", store, measured, scene, engine, step=plan.step, steps=requested, **draws)
+
+
+def _measured(
+    scene: Scene,
+    plan: Schedule,
+    requested: int,
+    draws: Mapping[str, int],
+    engine: Engine,
+    campaign: Mapping[str, Any],
+    progress: Progress | None,
+) -> Study:
+    """Run and judge; ``requested``: steps of the long run, ``draws``: number and first seed of the perturbations."""
+    perturbations, seed = draws["perturbations"], draws["seed"]
     digits = [runs.perturbed(scene, DIGIT, _OTHER + seed + i) for i in range(DIGITS)]
     moved = [runs.perturbed(scene, PERTURBATION, seed + i) for i in range(perturbations)]
     cases = _cases([scene, *moved, *digits], plan.step, engine)
-    requested = plan.steps if steps is None else steps
     # seconds, roughly: for the share that each part of the work has in its progress
     compared = sum(case.expected for case in cases)
     stepped = predicted_cost(TWIN, scene, steps=requested, samples=SAMPLES)
     first, second, third = _stages(progress, (compared, stepped, 0.25 * stepped))
-    *references, lmp = run_cases(cases, jobs=jobs, progress=first, store=store)
+    *references, lmp = run_cases(cases, progress=first, **campaign)
     if failures := [reference.failure for reference in references if reference.failure is not None]:
         raise failures[0]
     truth, *others = (reference.trajectory for reference in references if reference.trajectory is not None)
@@ -122,10 +144,10 @@ def study_horizon(
         halved=halved if halved is not None and halved.complete else None,
         contact_time=contact_time_of(scene) or math.nan,
     )
-    return _study(result, lmp, {"perturbations": perturbations, "seed": seed})
+    return _study(result, lmp, draws)
 
 
-def _study(result: runs.Found, lmp: Result, settings: dict[str, int]) -> Study:
+def _study(result: runs.Found, lmp: Result, settings: Mapping[str, int]) -> Study:
     """Return the study of what was found; ``settings`` are those that its provenance adds to the time step."""
     scene, created = result.scene, verdicts(result)
     not_run = () if lmp.failure is None else (TEXTS("engine", failure=lmp.failure),)

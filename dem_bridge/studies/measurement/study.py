@@ -12,17 +12,20 @@ import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from dem_bridge.backends.base import ENGINE_BACKENDS, unsupported_reason
 from dem_bridge.backends.base import backend as backend_named
-from dem_bridge.backends.base import unsupported_reason
 from dem_bridge.errors import UnsupportedScene, UsageError
+from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.columns import PERCENT, Column
 from dem_bridge.report.study import FigureData, Panel, Series, Study, check_setting
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.campaign import Progress
+from dem_bridge.runs.store import Store
 from dem_bridge.scene.file.load import Measurement
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.measurement.comparison import Comparison, Joint, compare, deviations_of
@@ -31,6 +34,7 @@ from dem_bridge.studies.measurement.parameters import KINDS, parameters_of
 from dem_bridge.studies.measurement.prediction import Prediction
 from dem_bridge.studies.measurement.readings import QUANTITIES, Reading, checksum, read_measurement
 from dem_bridge.studies.measurement.scalars import Scalar, joint_of, scalars_of
+from dem_bridge.studies.recalled import recall_study
 from dem_bridge.trajectory.trajectory import Floats
 
 TEXTS = Texts("measurement", "dem_bridge.studies")
@@ -71,6 +75,7 @@ def study_measurement(
     backend: str = "reference",
     dt: float | None = None,
     progress: Progress | None = None,
+    store: Store | None = None,
 ) -> Study:
     """Compare measured values with a scene, each difference with its validation uncertainty, and fit parameters.
 
@@ -101,7 +106,7 @@ def study_measurement(
         Code of the run that is compared.
     dt : float, optional
         Time step of this run, s.
-    progress : as in :func:`dem_bridge.study`
+    progress, store : as in :func:`dem_bridge.study`
 
     Returns
     -------
@@ -119,11 +124,42 @@ def study_measurement(
     check_setting("seed", seed, "a whole number >= 0", least=0)
     measurement = _completed(scene, measurement, files, parameters, fit)
     declared = parameters_of(measurement.parameters, scene)
-    to_fit, others = chosen(declared, measurement.fit)
+    chosen(declared, measurement.fit)
     if reason := unsupported_reason(backend_named(backend), scene):
         raise UnsupportedScene(f"{scene.name}: {reason}")
     readings = read_measurement(measurement.files, scene)
     prediction = Prediction(scene=scene, readings=readings, backend=backend, dt=dt)
+    settings: dict[str, Any] = {"coverage": coverage, "samples": samples, "seed": seed}
+    of_files = {file.name: checksum(file) for file in measurement.files}
+
+    def compared() -> Study:
+        return _study(prediction, measurement, of_files, **settings, progress=progress)
+
+    return recall_study(
+        "measurement",
+        store,
+        compared,
+        scene,
+        Engine.chosen() if backend in ENGINE_BACKENDS else None,
+        **settings,
+        **{"backend": backend, "dt": dt, "measurement": {**vars(measurement), "files": of_files}},
+    )
+
+
+def _study(
+    prediction: Prediction,
+    measurement: Measurement,
+    of_files: Mapping[str, str],
+    *,
+    coverage: float,
+    samples: int,
+    seed: int,
+    progress: Progress | None,
+) -> Study:
+    """Compare, fit and return the study; ``of_files``: checksums of the files by name."""
+    scene, readings, backend = prediction.scene, prediction.readings, prediction.backend
+    declared = parameters_of(measurement.parameters, scene)
+    to_fit, others = chosen(declared, measurement.fit)
     compared = compare(prediction, declared, count=samples, seed=seed, progress=progress)
     fitted = fit_parameters(prediction, to_fit, others, compared.measured, compared.noise) if to_fit else None
     scalars = scalars_of(prediction, compared)
@@ -150,7 +186,7 @@ def study_measurement(
         provenance={
             "scene": scene.name,
             "scene_hash": scene.content_hash,
-            "files": {file.name: checksum(file) for file in measurement.files},
+            "files": dict(of_files),
             "source": measurement.source,
             "kind": measurement.kind,
             "parameters": dict(measurement.parameters),

@@ -7,7 +7,7 @@ reference, and those below its bar are not known. A run over its limit is NaN an
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from textwrap import shorten
 from typing import Any
@@ -22,6 +22,7 @@ from dem_bridge.runs.campaign import Jobs, Progress, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Scene
+from dem_bridge.studies.recalled import recall_study
 from dem_bridge.studies.work_precision import runs
 from dem_bridge.studies.work_precision.curves import STYLES, TEXTS, WHOLE, curves
 from dem_bridge.studies.work_precision.figures import ID, as_csv, as_netcdf, figures
@@ -55,6 +56,7 @@ def study_work_precision(
     """Measure the error of every backend against its cost, for each of its numerical settings.
 
     Timed runs are made one at a time; ``jobs`` is for the reference alone. Ctrl-C keeps what was finished.
+    A second call has the times of the first; ``recompute`` measures them again.
 
     Parameters
     ----------
@@ -81,11 +83,29 @@ def study_work_precision(
     """
     check_setting("limit", limit, "a number of seconds > 0")
     check_setting("repeats", repeats, "a whole number from 1 to 1000", least=1, most=1000)
+    bounds: dict[str, Any] = {"limit": limit, "repeats": repeats}
+    engine = engine or Engine.chosen()
+
+    def timed() -> Study:
+        return _study(scene, engine, backends, bounds, {"jobs": jobs, "store": store}, progress)
+
+    return recall_study(ID, store, timed, scene, engine, backends=backends, **bounds)
+
+
+def _study(
+    scene: Scene,
+    engine: Engine,
+    backends: Sequence[str] | None,
+    bounds: Mapping[str, Any],
+    campaign: Mapping[str, Any],
+    progress: Progress | None,
+) -> Study:
+    """Measure and return the study; ``bounds``: limit and repeats, ``campaign``: how the reference is run."""
     sampling = Sampling(count=scene.samples)
     if progress is not None:
         progress(0.0, 1, f"{scene.name}: {REFERENCE}")
     case = Case(scene=scene, backend=REFERENCE, resolution=Resolution(), sampling=sampling)
-    (truth,) = run_cases([case], jobs=jobs, store=store)
+    (truth,) = run_cases([case], **campaign)
     if truth.trajectory is None:
         raise RunBroken(f"{scene.name}: without a run of the reference nothing has an error ({truth.failure})")
     requested, notes = curves(scene, sampling, prescan_scene(scene), engine, backends)
@@ -93,8 +113,7 @@ def study_work_precision(
     points: list[Point] = []
     interrupted = False
     try:
-        bounds: dict[str, Any] = {"limit": limit, "repeats": repeats, "progress": progress}
-        for point in runs.measured(requested, scene, sampling, reference, **bounds):
+        for point in runs.measured(requested, scene, sampling, reference, progress=progress, **bounds):
             points.append(point)
     except KeyboardInterrupt:
         interrupted = True
@@ -103,7 +122,7 @@ def study_work_precision(
     result = Measured(
         scene=scene,
         sampling=sampling,
-        limit=limit,
+        limit=bounds["limit"],
         points=tuple(points),
         uncertainty=runs.uncertainties_of(reference),
         provenance={key: truth.trajectory.provenance[key] for key in ("scene_hash", "versions", "machine")},
@@ -115,7 +134,7 @@ def study_work_precision(
         answer=tuple(_answer(result)),
         tables=(_cheapest_table(result), _floors_table(result), _runs_table(result)),
         figures=tuple(figures(result)),
-        notes=(*TEXTS.notes(bar=bar, limit=limit, **counts), *notes),
+        notes=(*TEXTS.notes(bar=bar, limit=bounds["limit"], **counts), *notes),
         interrupted=interrupted,
         provenance=result.provenance,
         files={f"{ID}-all.csv": partial(as_csv, result), f"{ID}.nc": partial(as_netcdf, result)},
