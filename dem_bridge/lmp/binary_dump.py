@@ -14,9 +14,13 @@ from dem_bridge.errors import RunBroken
 _MAGIC = b"DUMPCUSTOM"
 #: bytes of the header of a frame that may differ from frame to frame: its step, and the box
 _STEP, _BOX = slice(26, 34), slice(70, 118)
+#: byte of a header that tells whether the box is triclinic
+_TRICLINIC = 42
+#: steps ``(n_frame,)`` and values of frames
+Frames = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 
-def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def read_binary_dump(path: Path, columns: int) -> Frames:
     """Return the steps ``(n_frame,)`` and values ``(n_frame, n_atom, columns)`` of a binary ``dump custom``.
 
     The rows are in the order of the dump. The layout is that of LAMMPS' dump_custom.cpp, revision 2 (also read by its
@@ -35,12 +39,15 @@ def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArr
     frames: list[NDArray[np.float64]] = []
     at = 0
     try:
-        if (alike := _frames_alike(data, columns, path.name)) is not None:
-            return alike
         while at < len(data):
             step, values, at = _frame(data, at, path.name)
             frames.append(values.reshape(-1, columns))
             steps.append(step)
+            # the first frame alone has the units
+            if len(steps) == 1 and (rest := _frames_alike(data, at, columns, path.name)) is not None:
+                steps += rest[0].tolist()
+                frames += list(rest[1])
+                at = len(data)
     except (struct.error, ValueError, IndexError) as error:
         raise RunBroken(f"{path.name}: frame {len(steps)} is incomplete or has another layout ({error})") from error
     if not frames:
@@ -51,25 +58,30 @@ def read_binary_dump(path: Path, columns: int) -> tuple[NDArray[np.int64], NDArr
     return np.array(steps, dtype=np.int64), np.array(frames)
 
 
-def _frames_alike(data: bytes, columns: int, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
-    """Return steps and values of a dump all of whose frames are laid out as the first one; None for any other.
+def _frames_alike(data: bytes, at: int, columns: int, name: str) -> Frames | None:
+    """Return steps and values of the frames from byte ``at`` on if all are laid out as the first of them, else None.
 
     They are read at once, which takes a tenth of the time of a loop.
     """
-    if not data:
+    if at == len(data):
         return None
-    _, values, size = _frame(data, 0, name)
-    start = size - values.nbytes
-    if len(data) % size or struct.unpack_from("=2i", data, start - 8) != (1, values.size):
+    _, values, end = _frame(data, at, name)
+    size, header = end - at, end - at - values.nbytes
+    if (len(data) - at) % size or struct.unpack_from("=2i", data, end - values.nbytes - 8) != (1, values.size):
         return None
-    frames = np.frombuffer(data, dtype=np.uint8).reshape(-1, size)
-    same = np.ones(start, dtype=np.bool_)
+    frames = np.frombuffer(data, dtype=np.uint8, offset=at).reshape(-1, size)
+    same = np.ones(header, dtype=np.bool_)
     same[_STEP] = same[_BOX] = False
-    header = frames[:, :start][:, same]
-    if not np.array_equal(header, np.broadcast_to(header[0], header.shape)):
+    (triclinic,) = struct.unpack_from("=i", data, at + _TRICLINIC)
+    units = _BOX.stop + 24 * bool(triclinic) + 4  # the number of columns is before it
+    has_time = units + 4 + struct.unpack_from("=i", data, at + units)[0]
+    if data[at + has_time]:
+        same[has_time + 1 : has_time + 9] = False
+    headers = frames[:, :header][:, same]
+    if np.any(headers != headers[0]):
         return None
     steps = np.ascontiguousarray(frames[:, _STEP]).view(np.int64)[:, 0]
-    return steps, np.ascontiguousarray(frames[:, start:]).view(np.float64).reshape(len(frames), -1, columns)
+    return steps, np.ascontiguousarray(frames[:, header:]).view(np.float64).reshape(len(frames), -1, columns)
 
 
 def _frame(data: bytes, at: int, name: str) -> tuple[int, NDArray[np.float64], int]:

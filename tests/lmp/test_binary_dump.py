@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import struct
 from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -109,12 +112,21 @@ def test_a_dump_cut_before_the_time_flag_is_a_broken_run(tmp_path: Path, length:
     assert "dump.bin: " in _broken(_file(tmp_path, (frame(0, ROWS) + frame(1, ROWS))[:length]))
 
 
-def test_frames_that_are_laid_out_alike_are_read_as_by_the_loop(tmp_path: Path) -> None:
-    rows = np.random.default_rng(3).standard_normal((7, 3, 4))
-    alike = [frame(step, values.tolist()) for step, values in enumerate(rows)]
-    # a frame of two ranks has its atoms in another order, and that without a time is shorter
-    two_ranks, no_time = frame(7, rows[0].tolist(), chunks=2), frame(7, rows[0].tolist(), time=None)
-    for last, order in ((b"", []), (two_ranks, [[0, 2, 1]]), (no_time, [[0, 1, 2]])):
-        steps, values = read_binary_dump(_file(tmp_path, *alike, last), columns=4)
-        assert steps.tolist() == list(range(7 + len(order)))
+@pytest.mark.parametrize("form", [{}, {"time": None}, {"triclinic": True}], ids=str)
+def test_frames_that_are_laid_out_alike_are_read_at_once_and_as_by_the_loop(
+    form: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = np.random.default_rng(3).standard_normal((50, 3, 4))
+    # as LAMMPS writes them: units in the first frame alone
+    alike = [frame(0, rows[0].tolist(), **form)]
+    times = [None if "time" in form else 0.1 * step for step in range(50)]
+    alike += [frame(k, rows[k].tolist(), units="", **(form | {"time": times[k]})) for k in range(1, 50)]
+    # a frame of two ranks has its atoms in another order, and that with units is longer
+    two_ranks, longer = frame(50, rows[0].tolist(), units="", chunks=2, **form), frame(50, rows[0].tolist(), **form)
+    for last, order in ((b"", []), (two_ranks, [[0, 2, 1]]), (longer, [[0, 1, 2]])):
+        with monkeypatch.context() as patch:
+            patch.setattr("dem_bridge.lmp.binary_dump.struct.unpack_from", spy := Mock(wraps=struct.unpack_from))
+            steps, values = read_binary_dump(_file(tmp_path, *alike, last), columns=4)
+        assert steps.tolist() == list(range(50 + len(order)))
         assert values.tobytes() == np.concatenate([rows, *(rows[:1, each] for each in order)]).tobytes()
+        assert (spy.call_count < 50) == (last == b"")
