@@ -136,12 +136,20 @@ def test_kernels_that_have_inlined_a_changed_one_are_compiled_again() -> None:
 import sys
 sys.path[:0] = [".ci", "."]
 import faults
-from dem_bridge.ensembles import lanes
+from dem_bridge.ensembles import damped, lanes, pair
 from dem_bridge.judging import kernels
 live = faults.Live()
-print(sorted({f"{kernel.__module__}.{kernel.__name__}" for kernel in live.callers([lanes.law_power])}))
+print(sorted({f"{kernel.__module__}.{kernel.__name__}" for kernel in live.callers([pair.contact_force])}))
 print(len(live.callers([])), [kernel.__name__ for kernel in live.callers([lanes.march])])
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    names = ("lanes._fill", "lanes._turn", "lanes.law_power", "lanes.march", "lanes.touch_defect")
+    names = (
+        "damped._correct",
+        "damped._push",
+        "damped.march_damped",
+        "pair._opening",
+        "pair._runge_kutta",
+        "pair.contact_force",
+        "pair.pair_defect",
+    )
     assert done.stdout == f"{[f'dem_bridge.ensembles.{name}' for name in names]}\n0 ['march']\n"

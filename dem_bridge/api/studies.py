@@ -211,9 +211,9 @@ def ensemble(
 ) -> Ensemble:
     """Solve many chains that differ from a scene in numbers only, drawn at random.
 
-    The chains are solved side by side in compiled batches on all cores, by the order-4 method of "blanes-moan" with
-    corrected touches, with the fewest steps for the accuracy. A seeded sample of them is also solved by the reference
-    and by LAMMPS.
+    The chains are solved side by side in compiled batches on all cores, by the order-4 method of "blanes-moan", with
+    damping by the classical Runge-Kutta method, with corrected touches and the fewest steps for the accuracy. A seeded
+    sample of them is also solved by the reference and by LAMMPS.
 
     Parameters
     ----------
@@ -254,8 +254,7 @@ def ensemble(
     UsageError
         For a setting out of its range.
     UnsupportedScene
-        For a scene with forces that depend on velocities, adhesion, a drive or a law of its own; for "angle" in a
-        scene without angles.
+        For a scene with adhesion, a drive or a law of its own; for "angle" in a scene without angles.
     RunBroken
         If a velocity is not finite.
 

@@ -28,9 +28,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.ensembles.settled import is_free, is_settled
+from dem_bridge.ensembles.settled import all_settled, is_free
+from dem_bridge.ensembles.within_step import LOOK, law_power, read_turn, store
 from dem_bridge.foundation.compiled import Floats, kernel
-from dem_bridge.trajectory.dense import first_turn, may_turn, quintic
+from dem_bridge.trajectory.dense import may_turn
 
 #: nodes of the rule; more change nothing at steps up to 1/omega
 _NODES = 4
@@ -45,15 +46,6 @@ def jacobi_rules(exponent: Floats) -> Floats:
     distinct, of_contact = np.unique(exponent, return_inverse=True)
     rules = [roots_jacobi(_NODES, 0.0, n - 1.0) for n in distinct.tolist()]
     return np.array([(0.5 * (x + 1.0), 0.5**n * w) for (x, w), n in zip(rules, distinct, strict=True)])[of_contact]
-
-
-@kernel(nogil=False)
-def law_power(depth: float, law: int, exponent: float) -> float:
-    """Return depth^(n-1) of a positive depth, else 0; ``law`` is 0 for n = 5/2, 1 for n = 2, 2 for any other n."""
-    closed = depth if depth > 0.0 else 0.0
-    if law == 0:
-        return float(closed * np.sqrt(closed))
-    return closed if law == 1 else float(closed ** (exponent - 1.0))
 
 
 @kernel(nogil=False)
@@ -107,73 +99,22 @@ def touch_defect(
     return impulse, moment
 
 
-#: steps between two looks at whether the observables are final
-_LOOK = 16
-#: chains in a group; eight doubles fill one vector of AVX-512 and two of AVX2
-LANES = 8
-
-
-@kernel(nogil=False)
-def _maximum(step: float, v0: float, a0: float, v1: float, a1: float) -> tuple[float, float]:
-    """Return the part of a step at which the cubic polynomial of the velocity is largest, and the velocity there."""
-    jump = (v1 - v0) / step
-    tilt = 2.0 * (3.0 * jump - 2.0 * a0 - a1)
-    bend = 3.0 * (a0 + a1 - 2.0 * jump)
-    # the slope a0 + tilt part + bend part^2 goes from above 0 to below: its root without cancellation
-    root = np.sqrt(max(tilt * tilt - 4.0 * bend * a0, 0.0))
-    if root <= tilt:  # by underflow
-        return 1.0, v1
-    part = 2.0 * a0 / (root - tilt)
-    return part, _cubic(part, step, v0, a0, v1, a1)
-
-
-@kernel(nogil=False)
-def _cubic(part: float, step: float, v0: float, a0: float, v1: float, a1: float) -> float:
-    """Return the velocity at a part of a step by the cubic polynomial through velocity and acceleration at its ends."""
-    jump = (v1 - v0) / step
-    tilt, bend = 2.0 * (3.0 * jump - 2.0 * a0 - a1), 3.0 * (a0 + a1 - 2.0 * jump)
-    return v0 + step * part * (a0 + part * (0.5 * tilt + part * bend / 3.0))
-
-
-@kernel(nogil=False)
-def _deepest(
-    s0: float, s1: float, closing: float, opening: float, bend0: float, bend1: float, step: float
-) -> tuple[float, float]:
-    """Return the part of a step at which an overlap turns from growing to falling, and the overlap there.
-
-    The numbers are overlap, its rate and acceleration at both ends of the step.
-    """
-    square = step * step
-    c0, c1, c2, c3, c4, c5 = quintic(s0, s1, step * closing, step * opening, square * bend0, square * bend1)
-    if closing > 0.0 and opening < 0.0 and bend0 < 0.0 and bend1 < 0.0:
-        part, change = closing / (closing - opening), 1.0
-        # Newton's method as long as it converges: round-off ends it
-        while True:
-            slope = c1 + part * (2.0 * c2 + part * (3.0 * c3 + part * (4.0 * c4 + part * 5.0 * c5)))
-            curvature = 2.0 * c2 + part * (6.0 * c3 + part * (12.0 * c4 + part * 20.0 * c5))
-            ahead = min(max(part - slope / curvature, 0.0), 1.0) if curvature < 0.0 else part
-            if abs(ahead - part) >= 0.5 * change:
-                break
-            part, change = ahead, abs(ahead - part)
-    else:
-        part = first_turn(c1, c2, c3, c4, c5, step * opening)
-    return part, c0 + part * (c1 + part * (c2 + part * (c3 + part * (c4 + part * c5))))
-
-
 @kernel()
 def march(
     mass: Floats, velocity: Floats, weight: Floats, stiffness: Floats, overlap: Floats, exponent: Floats, law: int,
-    resting: Floats, rules: Floats, slow: float, drifts: Floats, kicks: Floats, step: float, steps: int, kept: Floats,
+    resting: Floats, rules: Floats, slow: float, drifts: Floats, kicks: Floats, step: float, steps: int, drag: float,
+    kept: Floats,
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """Solve a group of chains, and return the observables of an ensemble.
 
     ``mass``, ``velocity``, ``weight (n_body + 2, n_lane)`` (walls: infinite mass), ``stiffness``, ``overlap``,
-    ``resting (n_body + 1, n_lane)``, ``exponent (n_body + 1,)`` and ``law`` (see :func:`.touch.law_power`); ``rules``
-    and ``slow`` are for :func:`.touch.touch_defect`; a step of ``step`` seconds, ``steps`` of them. The results are the
+    ``resting (n_body + 1, n_lane)``, ``exponent (n_body + 1,)`` and ``law`` (see :func:`.law_power`); ``rules``
+    and ``slow`` are for :func:`.touch_defect`; a step of ``step`` seconds, ``steps`` of them. The results are the
     time of the first maximal compression of each contact (s; nan: never), its largest force (N), the largest velocity
     of the body behind the contact until that time (m/s; the first row is that of the wall, and the last body has no
-    such time; nan: the velocities are not finite), ``(n_body + 1, n_lane)`` each. The velocities at the start and after
-    equal numbers of steps are written to ``kept (n_lane, n_kept, n_body)``, which may be empty.
+    such time; nan: the velocities are not finite), ``(n_body + 1, n_lane)`` each. ``drag`` is in 1/s. The
+    velocities at the start and after equal numbers of steps are written to ``kept (n_lane, n_kept, n_body)``, which may
+    be empty.
     """
     places, lanes = mass.shape
     size, stages = places * lanes, len(drifts)
@@ -184,7 +125,7 @@ def march(
     # the same arrays from the next place on: an index that cannot be negative lets the compiler use whole vectors
     rate_next, v_next, w_next, f_next = rate[lanes:], v[lanes:], w[lanes:], f[lanes:]
     u_next, a_next, u0_next, a0_next = u[lanes:], a[lanes:], u0[lanes:], a0[lanes:]
-    _fill(0, size - lanes, 1, lanes, step, law, exponent, beta, rate, w, s, f, a)
+    _fill(0, size - lanes, 1, lanes, step, law, exponent, beta, rate, w, drag, u, s, f, a)
     peak = f[: size - lanes].copy()
     fastest, crossing = v[: size - lanes].copy(), np.full(size - lanes, np.inf)
     # what needs more than the vectors do is marked, and looked for eight places at a time
@@ -196,21 +137,22 @@ def march(
         if v[j] != 0.0 or w[j] != 0.0 or f[j] != 0.0:
             front = min(j // lanes + 1, places - 2)
     keep = steps // (kept.shape[1] - 1) if kept.shape[1] > 1 else 0
+    none = np.zeros_like(stiffness)
     may_settle = keep == 0 and is_free(weight, stiffness)
     for nth in range(steps):
         if keep > 0 and nth % keep == 0:
-            _store(kept, nth // keep, u, lanes)
+            store(kept, nth // keep, u, lanes)
         # a stage carries a disturbance to the next body and no further
         most = min(places - 2, front + stages)
         end = (most + 1) * lanes
         for j in range(end):
             s0[j], u0[j], a0[j] = s[j], u[j], a[j]
         for stage in range(stages):
-            kick, drift = kicks[stage], step * drifts[stage]
-            if stage == 0 and nth > 0:
-                kick *= 2.0  # the last kick of a step and the first of the next have the same force
+            drift = step * drifts[stage]
+            # the last kick of a step and the first of the next have the same force
+            stays, kick = _kick(2.0 * kicks[0] if stage == 0 and nth > 0 else kicks[stage], drag, step)
             for j in range(end - lanes):
-                v_next[j] += kick * rate_next[j] * (w_next[j] + f[j] - f_next[j])
+                v_next[j] = stays * v_next[j] + kick * rate_next[j] * (w_next[j] + f[j] - f_next[j])
             if law == 0:
                 for j in range(end):
                     depth = s[j] + drift * (v[j] - v_next[j])
@@ -221,11 +163,11 @@ def march(
                 for j in range(end):
                     s[j] += drift * (v[j] - v_next[j])
                     f[j] = beta[j] * law_power(s[j], law, exponent[j // lanes])
-        last = kicks[stages]
+        stays, last = _kick(kicks[stages], drag, step)
         for j in range(end - lanes):
             gained = rate_next[j] * (w_next[j] + f[j] - f_next[j])
-            u_next[j] = v_next[j] + last * gained
-            a_next[j] = gained / step
+            u_next[j] = stays * v_next[j] + last * gained
+            a_next[j] = gained / step - drag * u_next[j]
         for j in range(end):
             marks[j] = (s0[j] > 0.0) != (s[j] > 0.0)
         for word in range(end // 8):
@@ -244,7 +186,9 @@ def march(
                         moment = step * impulse - moment
                     if impulse != 0.0:
                         _correct(j, lanes, impulse / step, moment / step, rate, v, u, s)
-                        _fill(j - lanes, j + 2 * lanes, lanes, lanes, step, law, exponent, beta, rate, w, s, f, a)
+                        _fill(
+                            j - lanes, j + 2 * lanes, lanes, lanes, step, law, exponent, beta, rate, w, drag, u, s, f, a
+                        )
         while most > front and np.all(u[most * lanes : end] == 0.0) and np.all(f[(most - 1) * lanes : end] == 0.0):
             most -= 1
         front = most
@@ -260,69 +204,37 @@ def march(
             if words[word] != 0:
                 for j in range(8 * word, 8 * word + 8):
                     if marks[j] != 0:
-                        _turn(
-                            j, j + lanes, nth, step, law, exponent[j // lanes], beta[j], rest[j], j >= last_body,
+                        read_turn(
+                            j, j + lanes, nth, step, law, exponent[j // lanes], beta[j], rest[j], 0.0, j >= last_body,
                             s0, u0, a0, s, u, a, crossing, peak, fastest,
                         )  # fmt: skip
-        looks = may_settle and nth % _LOOK == 0 and front == places - 2
-        if looks and _all_settled(lanes, mass, stiffness, exponent, u, s, crossing, peak):
+        slowed = np.exp(-drag * step * (steps - 1 - nth))
+        looks = may_settle and nth % LOOK == 0 and front == places - 2
+        if looks and all_settled(mass, stiffness, none, exponent, exponent, u, s, crossing, peak, slowed):
             break
     if keep > 0:
-        _store(kept, steps // keep, u, lanes)
+        store(kept, steps // keep, u, lanes)
     fastest = np.where(np.isfinite(u[: size - lanes]), fastest, np.nan)
     return np.where(crossing < np.inf, crossing, np.nan), peak, fastest
 
 
 @kernel(nogil=False)
-def _turn(
-    j: int, ahead: int, nth: int, step: float, law: int, exponent: float, stiffness: float, resting: float, last: bool,
-    s0: Floats, u0: Floats, a0: Floats, s: Floats, u: Floats, a: Floats, crossing: Floats, peak: Floats,
-    fastest: Floats,
-) -> None:  # fmt: skip
-    """Read a contact's largest overlap and its body's largest velocity within a step; ``ahead``: the next body."""
-    closing, opening = u0[j] - u0[ahead], u[j] - u[ahead]
-    bend0, bend1 = a0[j] - a0[ahead], a[j] - a[ahead]
-    # a contact at rest has accelerations that are round-off: where the rate keeps its sign neither may be
-    falls = closing > 0.0 and opening <= 0.0
-    bend = max(abs(bend0), abs(bend1)) if falls else min(abs(bend0), abs(bend1))
-    if max(s0[j], s[j]) > 0.0 and bend >= resting and may_turn(closing, opening, bend0, bend1, step):
-        part, depth = _deepest(s0[j], s[j], closing, opening, bend0, bend1, step)
-        if depth > 0.0:
-            if crossing[j] == np.inf:
-                crossing[j] = (nth + part) * step
-                # a body that is still accelerated then is fastest then
-                fastest[j] = max(fastest[j], _cubic(part, step, u0[j], a0[j], u[j], a[j]))
-            peak[j] = max(peak[j], stiffness * law_power(depth, law, exponent))
-    if a0[j] > 0.0 and a[j] < 0.0:
-        part, top = _maximum(step, u0[j], a0[j], u[j], a[j])
-        if (nth + part) * step <= crossing[j] or last:
-            fastest[j] = max(fastest[j], top)
-    if (nth + 1) * step <= crossing[j] or last:
-        fastest[j] = max(fastest[j], u[j])
-
-
-@kernel(nogil=False)
-def _all_settled(
-    lanes: int, mass: Floats, stiffness: Floats, exponent: Floats, u: Floats, s: Floats, crossing: Floats, peak: Floats
-) -> bool:
-    """Return whether the observables of all lanes are final."""
-    for lane in range(lanes):
-        moving = u[lane::lanes], s[lane::lanes], crossing[lane::lanes], peak[lane::lanes]
-        if not is_settled(mass[:, lane], stiffness[:, lane], exponent, *moving):
-            return False
-    return True
+def _kick(kick: float, drag: float, step: float) -> tuple[float, float]:
+    """Return what a kick leaves of a velocity under ``drag`` (1/s), and its mean weight, in units of the step."""
+    slowed = drag * kick * step
+    return np.exp(-slowed), (kick if slowed == 0.0 else -np.expm1(-slowed) / (drag * step))
 
 
 @kernel(nogil=False)
 def _fill(
     first: int, end: int, stride: int, lanes: int, step: float, law: int, exponent: Floats, beta: Floats, rate: Floats,
-    w: Floats, s: Floats, f: Floats, a: Floats,
+    w: Floats, drag: float, u: Floats, s: Floats, f: Floats, a: Floats,
 ) -> None:  # fmt: skip
     """Fill in the forces of the contacts from ``first`` to ``end``, and the accelerations next to them."""
     for i in range(max(first, 0), min(end, len(s)), stride):
         f[i] = beta[i] * law_power(s[i], law, exponent[i // lanes])
     for i in range(max(first, lanes), min(end + lanes, len(s)), stride):
-        a[i] = rate[i] / step * (w[i] + f[i - lanes] - f[i])
+        a[i] = rate[i] / step * (w[i] + f[i - lanes] - f[i]) - drag * u[i]
 
 
 @kernel(nogil=False)
@@ -336,11 +248,3 @@ def _correct(j: int, lanes: int, impulse: float, moment: float, rate: Floats, v:
             s[i] += shift
         if i >= lanes:
             s[i - lanes] -= shift
-
-
-@kernel(nogil=False)
-def _store(kept: Floats, nth: int, u: Floats, lanes: int) -> None:
-    """Store the velocities of a sample chain by chain."""
-    for lane in range(lanes):
-        for i in range(kept.shape[2]):
-            kept[lane, nth, i] = u[(i + 1) * lanes + lane]

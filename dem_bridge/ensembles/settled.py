@@ -6,7 +6,9 @@ faster than all of E would make it. If the ends are faster than that they are ne
 largest force so far is above that at the energy E has had its largest force. The rest of the run, four fifths of the
 duration on decelerating-40, then changes no observable, only velocities at samples.
 
-Walls, weights and loads exchange energy with a chain: such chains are solved to their end.
+Damping only takes energy away, and its force is at most that of the deepest overlap at the fastest rate. Drag
+slows down all bodies alike, by the factor ``slowed`` until the end. Walls, weights and loads exchange energy with a
+chain: such chains are solved to their end.
 """
 
 from __future__ import annotations
@@ -26,13 +28,29 @@ def is_free(weight: Floats, stiffness: Floats) -> bool:
 
 
 @kernel(nogil=False)
+def all_settled(
+    mass: Floats, stiffness: Floats, damping: Floats, exponent: Floats, power: Floats, velocity: Floats,
+    overlap: Floats, crossing: Floats, peak: Floats, slowed: float,
+) -> bool:  # fmt: skip
+    """Return whether the observables of all lanes are final; what moves is flat, one place after the other."""
+    lanes = mass.shape[1]
+    for lane in range(lanes):
+        moving = velocity[lane::lanes], overlap[lane::lanes], crossing[lane::lanes], peak[lane::lanes]
+        if not is_settled(mass[:, lane], stiffness[:, lane], damping[:, lane], exponent, power, *moving, slowed):
+            return False
+    return True
+
+
+@kernel(nogil=False)
 def is_settled(
-    mass: Floats, stiffness: Floats, exponent: Floats, velocity: Floats, overlap: Floats, crossing: Floats, peak: Floats
-) -> bool:
+    mass: Floats, stiffness: Floats, damping: Floats, exponent: Floats, power: Floats, velocity: Floats,
+    overlap: Floats, crossing: Floats, peak: Floats, slowed: float,
+) -> bool:  # fmt: skip
     """Return whether the observables of one free chain are final.
 
-    Arguments are those of one lane of :func:`.march`, one number for each place or contact: kg, N/m^(n-1), 1, m/s, m,
-    s (inf: not yet) and N. Bodies that leave are tried in numbers of 1, 2, 4 ... at both ends, and all at most.
+    Arguments are those of one lane of :func:`.march` and :func:`.march_damped`, one number for each place or contact:
+    kg, N/m^(n-1), damping and the power of the overlap in it, m/s, m, s (inf: not yet) and N. Bodies that leave are
+    tried in numbers of 1, 2, 4 ... at both ends, and all at most.
     """
     first, last = 1, len(mass) - 2
     right, left = last, first
@@ -44,9 +62,9 @@ def is_settled(
     while last - leaving >= right or leaving == 1:
         staying = 0
         while first + staying <= min(left, last - leaving):
-            if right <= last - leaving and _stay_apart(
-                first + staying, last - leaving, mass, stiffness, exponent, velocity, overlap, crossing, peak
-            ):
+            ends = first + staying, last - leaving
+            numbers = mass, stiffness, damping, exponent, power, velocity, overlap, crossing, peak
+            if right <= last - leaving and _stay_apart(*ends, *numbers, slowed):
                 return True
             staying = max(1, 2 * staying)
         leaving *= 2
@@ -55,8 +73,8 @@ def is_settled(
 
 @kernel(nogil=False)
 def _stay_apart(
-    first: int, last: int, mass: Floats, stiffness: Floats, exponent: Floats, velocity: Floats, overlap: Floats,
-    crossing: Floats, peak: Floats,
+    first: int, last: int, mass: Floats, stiffness: Floats, damping: Floats, exponent: Floats, power: Floats,
+    velocity: Floats, overlap: Floats, crossing: Floats, peak: Floats, slowed: float,
 ) -> bool:  # fmt: skip
     """Return whether bodies from ``first`` to ``last`` never meet the others, nor exceed their forces so far."""
     if not np.all(crossing[first : last + 1] < np.inf):
@@ -73,13 +91,17 @@ def _stay_apart(
     energy *= MARGIN
     # the others move against this body, so that their momenta cancel
     fastest = np.sqrt(2.0 * energy * (total - mass[last]) / (total * mass[last]))
-    if velocity[last + 1] < mean + fastest:
+    if slowed * (velocity[last + 1] - mean) < fastest:
         return False
     slowest = np.sqrt(2.0 * energy * (total - mass[first]) / (total * mass[first]))
-    if first > 1 and velocity[first - 1] > mean - slowest:
+    if first > 1 and slowed * (mean - velocity[first - 1]) < slowest:
         return False
     for k in range(first, last):
-        n = exponent[k]
-        if stiffness[k] * (n * energy / stiffness[k]) ** ((n - 1.0) / n) > peak[k]:
+        depth = (exponent[k] * energy / stiffness[k]) ** (1.0 / exponent[k])
+        force = stiffness[k] * depth ** (exponent[k] - 1.0)
+        if damping[k] > 0.0:
+            rate = np.sqrt(2.0 * energy * (1.0 / mass[k] + 1.0 / mass[k + 1]))
+            force += damping[k] * depth ** power[k] * rate
+        if force > peak[k]:
             return False
     return True

@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.blanes_moan import SRKN_6B
 from dem_bridge.backends.prescan import prescan_hertz
-from dem_bridge.backends.scales import resting_acceleration
+from dem_bridge.backends.scales import natural_scales, resting_acceleration
+from dem_bridge.ensembles.damped import POWERS, march_damped
 from dem_bridge.ensembles.draw import Chains
-from dem_bridge.ensembles.lanes import LANES, jacobi_rules, march
+from dem_bridge.ensembles.lanes import jacobi_rules, march
+from dem_bridge.ensembles.within_step import LANES
 from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.physics.statics import static_forces
 from dem_bridge.scene import features
+from dem_bridge.scene.damping import damping_factors
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.support import Support
 from dem_bridge.trajectory.relative import own_scale, relative_size
@@ -25,8 +28,9 @@ from dem_bridge.trajectory.trajectory import Floats
 #: scenes whose chains can be solved in lanes
 LANED = Support(
     {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
-    | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION},
-    scope="chains of an ensemble are solved by a method that evaluates forces where it knows no velocities",
+    | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
+    | {features.DASHPOT, features.MASS_VELOCITY, features.KUWABARA_KONO, features.COEFF_RESTITUTION, features.TSUJI}
+    | {features.NOT_CLIPPED, features.DRAG},
     instead="a study of single runs",
 )
 #: observables of an ensemble and their axes, by their names in :data:`~dem_bridge.observables.registry.OBSERVABLES`
@@ -46,6 +50,8 @@ _SAFETY = 6.0
 _SAFETY_OF_SAMPLES = 3.0
 #: least closing rate at which a touch is corrected, of the speed of the chain
 SLOWEST_TOUCH = 1e-6
+#: least maximal overlap that counts in a damped chain, of the natural one
+LEAST_COMPRESSION = 1e-7
 #: most steps of a chain
 MOST_STEPS = 1_000_000
 
@@ -93,27 +99,59 @@ def solve_chains(scene: Scene, chains: Chains, steps: int, samples: int = 0) -> 
 
     gap = group.gap if scene.precompression == 0.0 else -_static_overlaps(scene, group)
     weight = group.mass * scene.gravity + np.asarray(scene.load)
-    power = np.full(n + 1, 2.5)
+    power, of_overlap = np.full(n + 1, 2.5), np.zeros(n + 1)
     power[line] = scene.contacts.exponent
     law = 0 if np.all(power[line] == 2.5) else 1 if np.all(power[line] == 2.0) else 2
     mass, velocity, weight = bodies(group.mass, math.inf), bodies(group.velocity, 0.0), bodies(weight, 0.0)
     stiffness, overlap = contacts(group.stiffness), contacts(-gap)
     resting = contacts(resting_acceleration(scene))[0]
+    unfelt = contacts(LEAST_COMPRESSION * natural_scales(scene)[1])[0]
+    damped, clip = scene.damped, scene.contacts.clip
+    of_chains, of_overlap[line] = _damping(scene, group)
+    damping, distinct = contacts(of_chains), set(of_overlap[line].tolist())
+    of_damping = POWERS.index(distinct.pop()) if len(distinct) == 1 and distinct <= set(POWERS) else len(POWERS)
     rules, slow, drifts, kicks = jacobi_rules(power), SLOWEST_TOUCH * _speed(scene), SRKN_6B.drifts, SRKN_6B.kicks
     kept = np.empty((len(group), samples + 1 if samples else 0, n))
     read = np.empty((3, groups, n + 1, LANES))
     for nth in range(groups):
         rows = kept[LANES * nth : LANES * (nth + 1)]
-        result = march(
-            mass[nth], velocity[nth], weight[nth], stiffness[nth], overlap[nth], power, law, resting, rules, slow,
-            drifts, kicks, scene.duration / steps, steps, rows,
-        )  # fmt: skip
+        moving = mass[nth], velocity[nth], weight[nth], stiffness[nth], overlap[nth]
+        if damped:
+            result = march_damped(
+                *moving, damping[nth], power, of_overlap, (law, of_damping), clip, scene.drag, resting, slow,
+                unfelt,                 scene.duration / steps, steps, rows,
+            )  # fmt: skip
+        else:
+            result = march(
+                *moving,
+                power,
+                law,
+                resting,
+                rules,
+                slow,
+                drifts,
+                kicks,
+                scene.duration / steps,
+                steps,
+                scene.drag,
+                rows,
+            )
         read[:, nth] = np.reshape(result, (3, n + 1, LANES))
     crossing, peak, fastest = read.swapaxes(2, 3).reshape(3, len(group), n + 1)[:, : len(chains)]
     if not np.all(np.isfinite(fastest[:, 1:])):
         raise RunBroken(f"{scene.name}: a velocity is not finite at {steps} steps; give a smaller accuracy")
     values = _observables(crossing[:, line], peak[:, line], fastest[:, 1:])
     return values | ({"velocity": kept[: len(chains)]} if samples else {})
+
+
+def _damping(scene: Scene, chains: Chains) -> tuple[Floats, Floats]:
+    """Return the factor of the damping force of each contact ``(n_chain, n_contact)``, and its power of the overlap."""
+    c, mobility = scene.contacts, np.pad(1.0 / chains.mass, ((0, 0), (0, 1)))
+    if scene.damping is None:
+        return np.zeros_like(chains.stiffness), np.zeros(scene.n_contact)
+    effective = 1.0 / (mobility[:, c.left] + mobility[:, c.right])
+    factor, power = damping_factors(scene.damping, effective, chains.stiffness, c.exponent)
+    return np.broadcast_to(factor, chains.stiffness.shape), power
 
 
 def _line(scene: Scene) -> NDArray[np.int64]:

@@ -233,7 +233,7 @@ def study_scatter(
     """Measure how random errors of the contact angles change arrival, residence times and peak forces.
 
     Each contact angle of an ensemble of chains is off by a normal deviate. Chains with forces that an ensemble cannot
-    solve, such as damping or drag, are solved one by one by the reference: 1 to 2.5 s of CPU each with 40
+    solve, such as adhesion or a drive, are solved one by one by the reference: 1 to 2.5 s of CPU each with 40
     cylinders, so that 2048 chains take 20 to 40 minutes on two cores. The progress shows the time that is left.
 
     Parameters

@@ -204,7 +204,7 @@ def test_wrong_settings_are_named(change: dict[str, object], message: str) -> No
 
 
 def test_scenes_that_cannot_be_solved_in_lanes_are_refused() -> None:
-    with pytest.raises(UnsupportedScene, match="drag"):
-        db.ensemble(replace(FIVE, drag=1.0), vary={"mass": 0.1}, n=2)
+    with pytest.raises(UnsupportedScene, match="has DMT adhesion"):
+        db.ensemble(replace(FIVE, adhesion=db.Adhesion(law="dmt", pull_off=1.0)), vary={"mass": 0.1}, n=2)
     with pytest.raises(UnsupportedScene, match="no contact angles"):
         db.ensemble(FIVE, vary=ANGLE, n=2)

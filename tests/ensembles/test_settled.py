@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dem_bridge as db
-from dem_bridge.ensembles import lanes, solve
+from dem_bridge.ensembles import solve
 from dem_bridge.ensembles.draw import Variation
 from dem_bridge.ensembles.lanes import march
 from dem_bridge.ensembles.settled import MARGIN, is_free, is_settled
@@ -69,24 +69,24 @@ def test_a_chain_that_is_not_free_is_solved_to_its_end(more: dict[str, Any]) -> 
 
 
 def test_a_run_ends_at_the_first_look_at_which_all_lanes_are_final(monkeypatch: pytest.MonkeyPatch) -> None:
-    looks = []
+    pair = replace(
+        FREE, mass=(0.01, 0.03), stiffness=(2e10,), velocity=(0.8, 0.0), duration=1e-3, exponent=2.5, gap=0.0
+    )
+    chains = Variation(scene=pair, vary={"mass": 0.05}).block(0, 2)
+    compiled = solve_chains(pair, chains, 320)
+    looks, names = [], march.py_func.__globals__
+    all_settled = names["all_settled"]
 
     def looking(*arguments: Any) -> bool:
         looks.append(all_settled.py_func(*arguments))
         return bool(looks[-1])
 
-    all_settled = lanes._all_settled
-    monkeypatch.setattr(lanes, "_all_settled", looking)
+    monkeypatch.setitem(names, "all_settled", looking)
     monkeypatch.setattr(solve, "march", march.interpret)
-    pair = replace(
-        FREE, mass=(0.01, 0.03), stiffness=(2e10,), velocity=(0.8, 0.0), duration=1e-3, exponent=2.5, gap=0.0
-    )
-    chains = Variation(scene=pair, vary={"mass": 0.05}).block(0, 2)
     interpreted = solve_chains(pair, chains, 320)
     # the bodies touch for less than 50 us of the 1000, and a look is every sixteenth step, 50 us
     assert looks == [False, True]
-    monkeypatch.setattr(solve, "march", march)
-    for name, values in solve_chains(pair, chains, 320).items():
+    for name, values in compiled.items():
         np.testing.assert_allclose(interpreted[name], values, rtol=1e-9, atol=1e-15)
 
 
@@ -98,16 +98,19 @@ def _settled(**more: Any) -> bool:
     fields: dict[str, Any] = {
         "mass": [np.inf, 1.0, 3.0, 1.0, np.inf], "stiffness": [0.0, 2.0, 2.0, 0.0], "exponent": [2.0] * 4,
         "velocity": [0.0, 1.0, 0.0, 2.0, 0.0], "overlap": [0.0, -1.0, -1.0, 0.0],
-        "crossing": [np.inf, 1.0, 1.0, np.inf], "peak": [0.0, 9.0, 9.0, 0.0],
+        "crossing": [np.inf, 1.0, 1.0, np.inf], "peak": [0.0, 9.0, 9.0, 0.0], "damping": [0.0] * 4, "power": [0.0] * 4,
+        "slowed": 1.0,
     }  # fmt: skip
-    return bool(is_settled(**{name: np.array(values) for name, values in (fields | more).items()}))
+    given = fields | more
+    slowed = given.pop("slowed")
+    return bool(is_settled(**{name: np.array(values) for name, values in given.items()}, slowed=slowed))
 
 
 def test_the_bound_on_the_speed_of_what_stays_is_that_of_an_elastic_impact() -> None:
     # the second body cannot be faster than after an elastic impact, 0.5 m/s, but for the margin on the energy
     mean, fastest = 0.25, 0.25 * np.sqrt(MARGIN)
-    for leaves, settled in ((mean + 1.001 * fastest, True), (mean + 0.999 * fastest, False), (0.4, False)):
-        assert _settled(velocity=[0.0, 1.0, 0.0, leaves, 0.0]) == settled
+    for leaves, final in ((mean + 1.001 * fastest, True), (mean + 0.999 * fastest, False), (0.4, False)):
+        assert _settled(velocity=[0.0, 1.0, 0.0, leaves, 0.0]) == final
     assert MARGIN > 1.0
 
 
@@ -122,6 +125,17 @@ def test_the_bound_on_the_force_is_that_of_all_the_energy_in_one_spring() -> Non
     assert not _settled(overlap=closed, velocity=velocity, peak=[0.0, 0.999 * force, 0.0, 0.0])
 
 
+def test_damping_may_press_harder_and_drag_may_let_what_stays_catch_up() -> None:
+    # all energy in one spring, and at once all of it in motion: 1 N s/m times the fastest rate
+    force = np.sqrt(2.0 * 2.0 * 0.375 * MARGIN) + np.sqrt(2.0 * 0.375 * MARGIN * (1.0 + 1.0 / 3.0))
+    damped: dict[str, Any] = {"damping": [0.0, 1.0, 0.0, 0.0]}
+    assert _settled(peak=[0.0, 1.001 * force, 0.0, 0.0], **damped)
+    assert not _settled(peak=[0.0, 0.999 * force, 0.0, 0.0], **damped)
+    slowest = 0.25 * np.sqrt(MARGIN) / (2.0 - 0.25)
+    assert _settled(slowed=1.001 * slowest)
+    assert not _settled(slowed=0.999 * slowest)
+
+
 def test_nothing_is_final_while_a_wave_goes_on() -> None:
     assert _settled()
     assert not _settled(crossing=[np.inf, np.inf, 1.0, np.inf])
@@ -132,7 +146,13 @@ def test_nothing_is_final_while_a_wave_goes_on() -> None:
 def test_a_first_body_that_comes_back_slowly_enough_is_not_waited_for() -> None:
     # all energy in the motion of the first body, whose contact has felt less than that energy could make it feel
     leaves = [0.0, -2.0, 0.3, 0.3, 2.0, 0.0]
-    more = {"mass": [np.inf, 1.0, 1.0, 1.0, 1.0, np.inf], "exponent": [2.0] * 5, "stiffness": [0.0, 2.0, 2.0, 2.0, 0.0]}
+    more = {
+        "mass": [np.inf, 1.0, 1.0, 1.0, 1.0, np.inf],
+        "exponent": [2.0] * 5,
+        "damping": [0.0] * 5,
+        "power": [0.0] * 5,
+        "stiffness": [0.0, 2.0, 2.0, 2.0, 0.0],
+    }
     more |= {"crossing": [np.inf, 1.0, 1.0, 1.0, np.inf], "overlap": [0.0, -1.0, -1.0, -1.0, 0.0]}
     felt: dict[str, Any] = {"peak": [0.0, 0.1, 0.1, 0.1, 0.0]}
     assert _settled(velocity=leaves, **more, **felt)

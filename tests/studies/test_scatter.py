@@ -136,7 +136,7 @@ def test_spreads_are_those_of_numpy(found: ScatteredChains, results: tuple[Resul
 
 
 def _rods(**changes: object) -> Scene:
-    """Three crossed cylinders; with a drag the reference solves each chain."""
+    """Three crossed cylinders; with a drive the reference solves each chain."""
     steel = db.Material(youngs_modulus=193e9, poissons_ratio=0.3, density=8000.0)
     rods = [db.Body(shape="cylinder", radius=5e-3, height=1e-2, material=steel)] * 3
     return replace(db.chain(name="rods", duration=2e-4, bodies=rods, velocity=0.5, angles=(30.0, 60.0)), **changes)  # type: ignore[arg-type]
@@ -180,7 +180,7 @@ def test_the_study_of_an_ensemble_has_maps_tolerances_and_distributions() -> Non
     assert np.all(width.values >= 0.0)
     assert np.all(width.values[0] == 0.0), "all chains start alike"
     assert "other chains with that spread nine of ten lie within" in " ".join(study.answer)
-    one_by_one = study_scatter(_rods(drag=1.0), spread=1.0, count=3)
+    one_by_one = study_scatter(_rods(drive=db.Drive(shape="sine", force=0.01, frequency=1e4)), spread=1.0, count=3)
     assert [table.id for table in one_by_one.tables] == ["scatter", "along-the-chain"]
 
 
