@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 from dem_bridge.errors import BlockedScript, RunBroken, SceneError, UsageError
 from dem_bridge.foundation.files import MOST_BYTES, opened, text_of_file
 from dem_bridge.foundation.script_files import files_of
+from dem_bridge.judging.check.edits import Edit, applied
 from dem_bridge.judging.stated import differences, of_any_contact
+from dem_bridge.judging.table_law import TableLaw, in_place_of_table, laws_of_tables
 from dem_bridge.lmp.binary_dump import read_binary_dump
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import run_deck, workspace
@@ -84,6 +86,10 @@ class UserDeck:
     """Commands that cannot be read as part of a scene."""
     overlooked: tuple[str, ...] = ()
     """Commands of neighbour lists that may miss contacts, without which the scene was read."""
+    tables: tuple[TableLaw, ...] = ()
+    """Force tables, in place of which the scene has the laws that they mean."""
+    unread_table: str = ""
+    """Why a force table is not compared with a law; '' where it is, or where there is none."""
 
     @property
     def dt(self) -> float | None:
@@ -156,8 +162,22 @@ def user_deck(
         without = re.sub(r"^[ \t]*neigh_modify\b.*(&[ \t]*\n.*)*$", "", text, flags=re.MULTILINE)
         read, mirrored, others = _scene_of(without, path.name, opened, scene, variables)
         problems, overlooked = (others, ()) if others else ((), problems)
+    tables, unread_table = (), ""
+    if problems and all("`pair_style table " in problem for problem in problems):
+        try:
+            laws = laws_of_tables(commands, state, lambda name: changed.get(name) or _text_beside(path, name))
+            texts = {name: opened(name) for name in {command.file for command in commands} - {path.name}}
+            lawful = _with_laws({path.name: text, **texts}, commands, laws, state)
+            read, mirrored, others = _scene_of(
+                lawful[path.name], path.name, lambda name: lawful.get(name) or opened(name), scene, variables
+            )
+            problems, tables = (others, ()) if others else ((), tuple(laws.values()))
+        except (UsageError, OSError, ValueError) as error:
+            unread_table = str(error)
     return UserDeck(
         path=path,
+        tables=tables,
+        unread_table=unread_table,
         commands=tuple(commands),
         state=state,
         read=read,
@@ -165,6 +185,26 @@ def user_deck(
         problems=problems,
         overlooked=overlooked,
     )
+
+
+def _text_beside(script: Path, name: str) -> str:
+    """Return the text of a file in the folder of a script, or below it."""
+    file = Path(name)
+    if file.is_absolute() or ".." in file.parts:
+        raise UsageError(f"{name} is not in the folder of the script")
+    return text_of_file(script.parent / file)
+
+
+def _with_laws(
+    texts: Mapping[str, str], commands: Sequence[Command], laws: Mapping[Command, TableLaw], state: ReadScript
+) -> dict[str, str]:
+    """Return the texts of a script with the laws of its tables in place of the tables, by name."""
+    style = next(command for command in reversed(commands) if command.name == "pair_style")
+    edits = [
+        Edit(file=command.file, line=command.line, new=in_place_of_table(command, laws.get(command), state))
+        for command in (style, *laws)
+    ]
+    return {**texts, **applied(texts, edits)}
 
 
 def _scene_of(

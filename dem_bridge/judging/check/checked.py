@@ -15,7 +15,7 @@ from dem_bridge.foundation.wording import number, share
 from dem_bridge.judging.check.answer import Check, Pictures
 from dem_bridge.judging.check.edits import Edit, applied
 from dem_bridge.judging.check.laboratory import Laboratory, Progress
-from dem_bridge.judging.check.law import EngineAnswer, LawAnswer, engine_of, law_by_steps, law_of
+from dem_bridge.judging.check.law import EngineAnswer, LawAnswer, engine_of, law_by_steps, law_by_tables, law_of
 from dem_bridge.judging.check.plausible import plausibility_of
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
 from dem_bridge.judging.check.subject import Subject, short_problem, subject_of, why_unread
@@ -111,7 +111,7 @@ def finding_of(lab: Laboratory, accuracy: float) -> Finding:
     if lab.problem:
         law = law_by_steps(lab, factor)
         return Finding(law=law, step=_alone(lab, accuracy, run.finite, factor), version=run.version)
-    law = law_of(lab, factor)
+    law = law_by_tables(lab, accuracy, factor) if deck.tables else law_of(lab, factor)
     step = step_of(lab, accuracy, law_is_right=law.outcome is Outcome.PASS, lost=factor > 1)
     return Finding(law=law, step=step, version=run.version)
 

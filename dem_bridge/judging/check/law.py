@@ -13,7 +13,9 @@ from dem_bridge.foundation.wording import number, release, share
 from dem_bridge.judging.check.laboratory import Laboratory
 from dem_bridge.judging.check.lammps_run import LammpsRun
 from dem_bridge.judging.deck import UserDeck
+from dem_bridge.judging.table_law import worst
 from dem_bridge.lmp.known_defects import KnownDefect, defects_of
+from dem_bridge.lmp.reader.evaluation import UNITS
 from dem_bridge.lmp.reader.mixing import mixing_warning
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.damped_impact import alpha_of_tsuji, restitution_of_alpha
@@ -24,6 +26,8 @@ LARGEST_ROUNDOFF, _MULTIPLE_OF_RADIUS_CHANGE = 1e-7, 20.0
 #: how many times finer the steps are at which a difference is measured again, the part of it that must be gone then,
 #: and the largest that may be left
 _FACTOR_OF_FINER_STEPS, _LARGEST_SHARE_LEFT, _LARGEST_LEFT = 4, 0.5, 0.03
+#: doublings of the points of a table that are tried for one that serves
+_MOST_DOUBLINGS = 10
 #: largest step, relative to the stability limit 2/omega, at which runs say something about a law
 _LARGEST_STEP_OF_LIMIT = 0.25
 
@@ -116,6 +120,46 @@ def law_of(lab: Laboratory, factor: int = 1) -> LawAnswer:
         said = f"{name}: the difference from our code falls with the step, from {share(difference)} to {share(finer)}."
         return LawAnswer(outcome=Outcome.PASS, sentence=said, difference=finer, allowed=allowed)
     return _wrong(lab, run, finer)
+
+
+def law_by_tables(lab: Laboratory, accuracy: float, factor: int = 1) -> LawAnswer:
+    """Return the answer on the tables of a script: what they err in forces, and in velocities with the step removed.
+
+    The error of velocities is LAMMPS with the tables minus our code with the laws that they mean, at the same step.
+    """
+    deck = lab.subject.deck
+    assert deck.dt is not None  # see ``Laboratory.problem``
+    length = UNITS.get(deck.state.units, (1.0, 1.0, 1.0))[0]
+    deepest = 0.0 if lab.prescan is None else float(np.max(lab.prescan.peak_overlap, initial=0.0)) / length
+    if not deepest > 0.0:
+        return LawAnswer(outcome=Outcome.UNDECIDED, sentence="no contact closes during the run, so no table acts.")
+    table = worst(deck.tables, deepest)
+    name = f"table {table.style} {table.points} ({table.name}), which means {table.model}"
+    try:
+        factor = max(factor, _resolving(lab, deck.dt))
+        run = lab.lammps(factor)
+    except UsageError as error:
+        return _unsure(name, math.inf, accuracy, str(error))
+    difference = _difference(lab, run, deck.dt / factor)[0] if run.finite else math.inf
+    force = table.force_error(deepest)
+    said = (
+        f"{name}: over the overlaps of this run, up to {number(deepest * length)} m, its force errs by {share(force)}"
+        f" of the largest, which changes velocities by {share(difference)} of the largest at the same step"
+        f" ({share(accuracy)} allowed)"
+    )
+    if difference <= accuracy:
+        return LawAnswer(outcome=Outcome.PASS, sentence=f"{said}.", difference=difference, allowed=accuracy)
+    more = (2**k * table.points if table.style != "bitmap" else table.points + k for k in range(1, _MOST_DOUBLINGS + 1))
+    errors = ((points, table.force_error(deepest, points)) for points in more)
+    enough = next((points for points, error in errors if 2.0 * error * difference <= accuracy * force), 0)
+    rest = (
+        f"; with {enough} points it would be within it"
+        if enough
+        else "; more points do not help: its lines are wrong or too far apart"
+    )
+    return LawAnswer(
+        outcome=Outcome.FAIL, sentence=f"{said}{rest}.", difference=difference, allowed=accuracy, cause="table"
+    )
 
 
 def _resolving(lab: Laboratory, dt: float) -> int:

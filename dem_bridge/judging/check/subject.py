@@ -209,8 +209,16 @@ def why_unread(subject: Subject) -> str:
         return "the script has no run, and nothing moves at its start"
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     style = subject.deck.last("pair_style")
-    table = "forces come from a table, which is compared with no law: neither its values nor its interpolation; "
-    return f"{table if style is not None and 'table' in style.rest else ''}{problems[0]}{more}"
+    unread = f", because {subject.deck.unread_table}" if subject.deck.unread_table else ""
+    what = ""
+    if style is not None and "table" in style.rest:
+        what = f"forces come from a table, which is compared with no law{unread}; "
+    elif "model jkr" in problems[0]:
+        what = (
+            "the force of jkr is compared with no law: neither its pull-off nor the distance at which it ends; the step"
+            " was judged by LAMMPS alone, and the release by its known defects; "
+        )
+    return f"{what}{problems[0]}{more}"
 
 
 def short_problem(problem: str) -> str:
