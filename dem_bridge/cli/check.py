@@ -16,6 +16,9 @@ from dem_bridge.cli.options import ACCURACY, AS_JSON, DT, FOLDER, LAMMPS, TIME_L
 from dem_bridge.cli.parameters import Argument, make_command, print_json
 from dem_bridge.foundation.files import check_report_folder
 
+#: range of the cost that is said beforehand, relative to the expected one: a step that is too coarse costs more runs
+_RANGE_OF_COST = (0.7, 2.0)
+
 
 @make_command(
     "check",
@@ -58,5 +61,8 @@ def check(file: str, as_json: bool = False, folder: Path | None = None, **settin
 def _announce(file: str, cost: float | None) -> None:
     """Print on stderr what a check costs."""
     announce_compiling("taylor")
-    takes = "a few runs of LAMMPS" if cost is None else f"about {max(1.0, cost):.0f} s of CPU time"
+    takes = "a few runs of LAMMPS"
+    if cost is not None:
+        low, high = (max(1.0, factor * cost) for factor in _RANGE_OF_COST)
+        takes = f"{low:.0f} to {high:.0f} s of CPU time"
     click.echo(f"dem-bridge: check of {file}: {takes}", err=True)

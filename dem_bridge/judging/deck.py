@@ -162,7 +162,8 @@ def user_deck(
         without = re.sub(r"^[ \t]*neigh_modify\b.*(&[ \t]*\n.*)*$", "", text, flags=re.MULTILINE)
         read, mirrored, others = _scene_of(without, path.name, opened, scene, variables)
         problems, overlooked = (others, ()) if others else ((), problems)
-    tables, unread_table = (), ""
+    tables: tuple[TableLaw, ...] = ()
+    unread_table = ""
     if problems and all("`pair_style table " in problem for problem in problems):
         try:
             laws = laws_of_tables(commands, state, lambda name: changed.get(name) or _text_beside(path, name))

@@ -87,10 +87,11 @@ def interpolated_force(table: TableLaw, distance: Floats, points: int) -> Floats
     lines = CubicSpline(table.distance, table.force, bc_type=((1, first), (1, last)))
     inner, cut = float(table.distance[0]), float(table.distance[-1])
     squared = distance * distance
+    nodes: Floats
     if table.style == "bitmap":
         nodes = _bitmap(inner * inner, cut * cut, points)
     else:
-        nodes = inner * inner + np.arange(points) * ((cut * cut - inner * inner) / (points - 1))
+        nodes = np.asarray(inner * inner + np.arange(points) * ((cut * cut - inner * inner) / (points - 1)))
     if table.style == "lookup":
         middle = np.sqrt(0.5 * (nodes[:-1] + nodes[1:]))
         cell = np.clip(np.searchsorted(nodes, squared, side="right") - 1, 0, len(middle) - 1)

@@ -45,8 +45,9 @@ _MOST_VALUES_KEPT = 4_000_000
 _RELEASE_THAT_SKIPS_FRAMES = 20220623
 #: runs of LAMMPS, of our velocity-Verlet code and of the reference that a check usually makes, for its cost
 _LAMMPS_STEPS, _TWIN_STEPS, _REFERENCE_RUNS = 2.0, 12.0, 3.0
-#: CPU time, s, that imports, starting LAMMPS and reading its dumps take in a check
-_OVERHEAD = 4.5
+#: CPU time, s, that imports and starting LAMMPS take in a check, and that of reading dumps and of the further runs for
+#: each body; fitted to 10 scripts of 3 to 80 bodies (docs/quality.md)
+_OVERHEAD, _OVERHEAD_OF_BODY = 2.6, 0.075
 
 Progress = Callable[[float, int, str], None]
 
@@ -334,11 +335,13 @@ class Laboratory:
             return None
 
     def expected_cost(self) -> float | None:
-        """Return the CPU time of the check, s, within a factor of two; None where it cannot be known."""
+        """Return the CPU time of the check, s, within a factor of two for most; None where it cannot be known.
+
+        A step that is too coarse costs further runs, of which nothing is known beforehand.
+        """
         if self.scene is None or self.prescan is None or not (dt := self.subject.deck.dt):
             return None
         outlook = Outlook(scene=self.scene, prescan=self.prescan, sampling=Sampling(count=self.scene.samples))
-        engine = _LAMMPS_STEPS * outlook.cost("lammps-granular", dt)
-        return (
-            _OVERHEAD + engine + _TWIN_STEPS * outlook.cost("verlet", dt) + _REFERENCE_RUNS * outlook.cost("reference")
-        )
+        own = _OVERHEAD + _OVERHEAD_OF_BODY * self.scene.n_body
+        runs = _LAMMPS_STEPS * outlook.cost("lammps-granular", dt) + _TWIN_STEPS * outlook.cost("verlet", dt)
+        return own + runs + _REFERENCE_RUNS * outlook.cost("reference")
