@@ -14,9 +14,9 @@ from dem_bridge.judging.check.answer import Check
 from dem_bridge.judging.deck import user_deck
 from dem_bridge.judging.table_law import TableLaw, interpolated_force, read_table
 from dem_bridge.lmp.engine import Engine
+from dem_bridge.lmp.force_table import ContactTable, contact_table
 from dem_bridge.lmp.interpolation import interpolated
 from dem_bridge.lmp.process import run_deck
-from dem_bridge.lmp.table import ContactTable, contact_table
 from dem_bridge.physics.contact_law import power_law
 from tests.helpers.checked_decks import RADIUS, script
 
