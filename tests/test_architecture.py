@@ -206,7 +206,6 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
             "click",
             {
                 "cli.check",
-                "cli.compiling",
                 "cli.demo",
                 "cli.files",
                 "cli.group",
@@ -217,9 +216,10 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
                 "cli.store",
                 "cli.studies",
                 "cli.values",
+                "cli.waiting",
             },
         ),
-        ("rich", {"cli.terminal"}),
+        ("rich", {"cli.terminal", "cli.waiting"}),
     ],
 )
 def test_only_the_command_line_speaks_to_terminals(library: str, where: set[str]) -> None:

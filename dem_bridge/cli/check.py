@@ -10,8 +10,7 @@ from typing import Any
 import click
 
 import dem_bridge
-from dem_bridge.cli import terminal
-from dem_bridge.cli.compiling import announce_compiling
+from dem_bridge.cli import waiting
 from dem_bridge.cli.options import ACCURACY, AS_JSON, DT, FOLDER, LAMMPS, TIME_LIMIT, VARIABLES
 from dem_bridge.cli.parameters import Argument, make_command, print_json
 from dem_bridge.foundation.files import check_report_folder
@@ -47,7 +46,7 @@ def check(file: str, as_json: bool = False, folder: Path | None = None, **settin
         check_report_folder(folder)
     if "variables" in settings:
         settings["variables"] = dict(settings["variables"])
-    with terminal.bar(label=f"check of {file}") as progress:
+    with waiting.bar(label=f"check of {file}") as progress:
         answer = dem_bridge.check(file, progress=progress, announce=lambda cost: _announce(file, cost), **settings)
     if folder is not None:
         answer.save(folder)
@@ -60,7 +59,7 @@ def check(file: str, as_json: bool = False, folder: Path | None = None, **settin
 
 def _announce(file: str, cost: float | None) -> None:
     """Print on stderr what a check costs."""
-    announce_compiling("taylor")
+    waiting.announce_compiling("taylor")
     takes = "a few runs of LAMMPS"
     if cost is not None:
         low, high = (max(1.0, factor * cost) for factor in _RANGE_OF_COST)

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import dem_bridge
-from dem_bridge.cli import terminal
-from dem_bridge.cli.compiling import announce_compiling
+from dem_bridge.cli import terminal, waiting
 from dem_bridge.cli.options import DT_OF_FILE, FOLDER, LAMMPS, SCENE_OF_FILE, UNITS
 from dem_bridge.cli.parameters import Argument, Option, make_command
 from dem_bridge.cli.values import scene_names
@@ -55,8 +54,8 @@ def demo(show_page: bool, folder: Path | None = None, **settings: Any) -> None:
     """
     if folder is not None:
         check_report_folder(folder)
-    announce_compiling("taylor")
-    with terminal.bar(label="LAMMPS, its twin and the reference solve a chain") as tell:
+    waiting.announce_compiling("taylor")
+    with waiting.bar(label="LAMMPS, its twin and the reference solve a chain") as tell:
         from dem_bridge.lmp.engine import Engine
         from dem_bridge.verification.demo import demonstrate
 
@@ -86,8 +85,8 @@ def show(drawn: str, scene: str | None = None, **settings: Any) -> None:
     path = Path(drawn)
     is_run = path.is_file() and path.suffix.lower() != ".toml"
     if not is_run:
-        announce_compiling()
-    with terminal.fraction(f"{drawn} is {'read' if is_run else 'solved for the drawing'}"):
+        waiting.announce_compiling()
+    with waiting.fraction(f"{drawn} is {'read' if is_run else 'solved for the drawing'}"):
         from dem_bridge.report.chain_text import Canvas, chain_lines, front_sentences, motion_lines
 
         if is_run:

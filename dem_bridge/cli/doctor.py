@@ -54,10 +54,19 @@ class Finding:
         """Return True if there is no fault."""
         return not self.remedy
 
-    def __str__(self) -> str:
+    @property
+    def head(self) -> str:
+        """Return the word for the result and the name of the check, in columns."""
         word = "ok" if self.fine else "MISSING" if self.needed else "DEFECT" if self.defect else "absent"
-        line = f"{word:8}{self.name:14}{self.state}"
-        return line + (f"; {self.remedy}" if self.remedy else "")
+        return f"{word:8}{self.name:13}"
+
+    @property
+    def text(self) -> str:
+        """Return what is installed, or the fault and what to do about it."""
+        return self.state + (f"; {self.remedy}" if self.remedy else "")
+
+    def __str__(self) -> str:
+        return f"{self.head} {self.text}"
 
     def as_dict(self) -> dict[str, str | bool]:
         """Return the finding as JSON types."""

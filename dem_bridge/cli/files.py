@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import dem_bridge
-from dem_bridge.cli import options, terminal, values
-from dem_bridge.cli.compiling import announce_compiling
+from dem_bridge.cli import options, terminal, values, waiting
 from dem_bridge.cli.parameters import (
     ACCURACIES,
     NOT_NEGATIVE,
@@ -82,7 +81,7 @@ def convert(
     RUN is a .nc, .lammpstrj, .extxyz, .traj or .csv file.
     """
     check_new(output, force)
-    with terminal.bar(label=f"{run} is converted"):
+    with waiting.bar(label=f"{run} is converted"):
         trajectory = _read(run, scene, settings)
         dem_bridge.write_trajectory(trajectory, scene, output, format=format, spacing=spacing, layout=layout)
     _print_assumptions(run, trajectory)
@@ -112,7 +111,7 @@ def compare(
     A file may be given as FILE@DT, with the time step of its run in s. The output has the largest difference of each
     quantity, relative to B, and time and body of the first divergence.
     """
-    with terminal.bar(label=f"{first} and {second} are compared"):
+    with waiting.bar(label=f"{first} and {second} are compared"):
         from dem_bridge.formats.readers.read import with_step
 
         pairs = [with_step(file) for file in (first, second)]
@@ -126,28 +125,28 @@ def compare(
     for (path, _), run in zip(pairs, runs, strict=True):
         _print_assumptions(path, run)
     for entry in comparison.differences:
-        click.echo(str(entry))
+        terminal.say(str(entry))
     for note in (*comparison.unknown, *comparison.notes):
-        click.echo(f"note: {note}")
+        terminal.say(f"note: {note}")
     compared = any(entry.quantity == "velocity" for entry in comparison.differences)
     least = explained if tolerance is None else tolerance
     limit = f"differ by more than {least:.3g} of the largest velocity" if least else "differ"
     if not compared:
-        click.echo("velocities are not compared")
+        terminal.say("velocities are not compared")
     elif comparison.undecided:
-        click.echo(
+        terminal.say(
             f"undecided: the interpolation error decides whether velocities {limit}; sample both at the same times"
         )
     elif comparison.divergence is None:
-        click.echo(f"velocities do not {limit} at any of {comparison.samples} samples")
+        terminal.say(f"velocities do not {limit} at any of {comparison.samples} samples")
     else:
         time, body = comparison.divergence
-        click.echo(f"velocities first {limit} at {time:.9g} s, body {body}")
+        terminal.say(f"velocities first {limit} at {time:.9g} s, body {body}")
         if not tolerance:
-            click.echo("give --tolerance to see when the difference matters")
+            terminal.say("give --tolerance to see when the difference matters")
     if tolerance is None:
-        click.echo(f"the uncertainties of both runs and round-off explain {explained:.3g}")
-        click.echo("no --tolerance was given: the exit code is 0 whatever the difference")
+        terminal.say(f"the uncertainties of both runs and round-off explain {explained:.3g}")
+        terminal.say("no --tolerance was given: the exit code is 0 whatever the difference")
         return
     decided = compared and not comparison.undecided
     sys.exit(1 if comparison.divergence is not None else 0 if decided else 4)
@@ -245,7 +244,7 @@ def export(
         check_output(scene, output, force)
     if no_run:
         settings["with_run"] = False
-    with terminal.fraction(f"table {table} of {scene}"):
+    with waiting.fraction(f"table {table} of {scene}"):
         from dem_bridge.api.files import export_table
         from dem_bridge.formats.tables.render import format_for
 
@@ -334,8 +333,8 @@ def judge(
         settings["dt"] = steps[0]
     if "variables" in settings:
         settings["variables"] = dict(settings["variables"])
-    announce_compiling("taylor")
-    with terminal.bar(label=f"the reference solution of {scene}, and fits to {', '.join(files) or 'the runs'}"):
+    waiting.announce_compiling("taylor")
+    with waiting.bar(label=f"the reference solution of {scene}, and fits to {', '.join(files) or 'the runs'}"):
         from dem_bridge.judging.sentences import COLUMNS_OF_NAMES, notes_of, text_of
 
         judgement = dem_bridge.judge(list(files), scene, **settings)

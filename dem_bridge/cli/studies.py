@@ -16,8 +16,7 @@ import click
 
 import dem_bridge
 from dem_bridge.api.guests import STUDIES, study_named, study_names
-from dem_bridge.cli import terminal
-from dem_bridge.cli.compiling import announce_compiling
+from dem_bridge.cli import terminal, waiting
 from dem_bridge.cli.options import (
     AS_JSON,
     CLUSTER,
@@ -60,7 +59,7 @@ class _StudyCommand(click.Command):
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the options, built from the study's function at the first call."""
         if not self.params:
-            with nullcontext() if ctx.resilient_parsing else terminal.bar(label=f"study {self.name} is loaded"):
+            with nullcontext() if ctx.resilient_parsing else waiting.bar(label=f"study {self.name} is loaded"):
                 function = study_named(str(self.name))
             self.help, descriptions = documentation(function)
             self.params = [each.parameter() for each in declared_by(function, descriptions)]
@@ -134,8 +133,8 @@ def _answer(
 ) -> None:
     """Run a study, show it, and end with its exit code; settings that were not given are left to the study."""
     chosen = {key: value for key, value in settings.items() if value is not None and value != ()}
-    announce_compiling(silent=json_progress)
-    with terminal.bar(json_progress, label=f"study {name}") as progress:
+    waiting.announce_compiling(silent=json_progress)
+    with waiting.bar(json_progress, label=f"study {name}") as progress:
         result = dem_bridge.study(name, folder=folder, progress=progress, **chosen)
     if as_json:
         print_json(result.as_json())

@@ -1,23 +1,16 @@
-"""Print tables and progress; colours and progress bars only on a terminal."""
+"""Print results as sentences, entries and tables; colours only on a terminal."""
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
-import signal
 import sys
 import textwrap
-import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dem_bridge.foundation.progress import Campaign
     from dem_bridge.observables.verdict import Verdict
     from dem_bridge.report.study import Study, Table
     from dem_bridge.runs.planning.answer import Plan
@@ -27,19 +20,12 @@ if TYPE_CHECKING:
 _COLOURS = {"PASS": "green", "FAIL": "red", "BROKEN": "red", "MODEL_DIFFERENCE": "blue"}
 #: columns of lines for people, where the terminal is not narrower
 COLUMNS = 80
-#: time between two lines on the progress where stderr is no terminal, s
-SECONDS_BETWEEN_LINES = 30.0
 #: how lines are wrapped: a path or a number stays whole
 _WHOLE_WORDS: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
 #: largest number of scenes whose answers are printed one by one
 _MOST_SCENES_ONE_BY_ONE = 10
 #: rows of all tables together that are printed on a terminal
 _MOST_ROWS_OF_TABLES = 100
-#: what a first Ctrl-C prints
-_IN_ORDER = (
-    b"dem-bridge: interrupted: the runs that have begun are finished and kept, and no other begins;"
-    b" press Ctrl-C again to stop at once\n"
-)
 #: repeated here to avoid an import; a test compares them with the package
 _OUTCOMES = ("PASS", "FAIL", "UNDECIDED", "MODEL_DIFFERENCE", "NOT_RUN", "BROKEN")
 
@@ -86,9 +72,9 @@ def print_plan(plan: Plan, scene: str, verbose: bool = False) -> None:
     ``scene`` is the name or path that was given. ``verbose``: the reasons come before.
     """
     for reason in plan.reasons if verbose else ():
-        _say(f"reason: {reason}")
+        say(f"reason: {reason}")
     if plan.reasons and not verbose:
-        _say(f"reasons for these settings: {len(plan.reasons)} lines (-v prints them)")
+        say(f"reasons for these settings: {len(plan.reasons)} lines (-v prints them)")
     settings = ", ".join(f"{key} = {value}" for key, value in plan.resolution.items()) or "default settings"
 
     def numbers(error: float | None, cost: float | None) -> str:
@@ -147,12 +133,12 @@ def print_study(study: Study, verbose: bool = False) -> None:
     if verbose:
         _print_tables(study.tables)
     elif study.tables:
-        _say(f"{len(study.tables)} tables, {len(study.notes)} notes (-v prints them, -o writes them)")
+        say(f"{len(study.tables)} tables, {len(study.notes)} notes (-v prints them, -o writes them)")
     _print_notes(study, verbose)
     for line in _not_passed(study.verdicts):
-        _say(line)
+        say(line)
     for sentence in study.answer:
-        _say(f"* {sentence}")
+        say(f"* {sentence}")
     _print_counts(study)
 
 
@@ -162,7 +148,7 @@ def _print_notes(study: Study, verbose: bool) -> None:
 
     for note in study.notes:
         if verbose or isinstance(note, StoreNote):
-            _say(f"note: {note}")
+            say(f"note: {note}")
 
 
 def print_verification(verification: Verification, verbose: bool = False) -> None:
@@ -177,19 +163,19 @@ def print_verification(verification: Verification, verbose: bool = False) -> Non
         _print_tables(verification.tables)
     _print_notes(verification, verbose)
     for line in _not_passed(verification.verdicts) if verbose else ():
-        _say(line)
+        say(line)
     banners = [banner_of(study, verification.accuracy) for study in verification.studies]
     several = len(banners) > _MOST_SCENES_ONE_BY_ONE
     for banner in banners:
         if several and banner.outcome.value == "PASS":
             continue
-        _say(f"{banner.scene}: {' '.join(banner.sentences)}")
+        say(f"{banner.scene}: {' '.join(banner.sentences)}")
         for group in banner.groups:
-            _say(f"  {group.sentence}{f' Write: {group.write}' if group.write else ''}")
+            say(f"  {group.sentence}{f' Write: {group.write}' if group.write else ''}")
     for sentence in verification.answer if several else ():
-        _say(f"* {sentence}")
+        say(f"* {sentence}")
     for sentence in reasons_not_run(verification.studies):
-        _say(sentence)
+        say(sentence)
     _print_counts(verification)
 
 
@@ -201,7 +187,7 @@ def _print_counts(study: Study) -> None:
         words = ", ".join(f"{count} {_coloured(outcome)}" for outcome, count in counts.items())
         _console().print(f"verdicts: {words}")
     if study.interrupted:
-        _say("interrupted: only the results up to the interruption are shown")
+        say("interrupted: only the results up to the interruption are shown")
 
 
 def _not_passed(verdicts: Sequence[Verdict]) -> Iterator[str]:
@@ -213,7 +199,7 @@ def _not_passed(verdicts: Sequence[Verdict]) -> Iterator[str]:
         yield f"{line}{f' ({count} times)' if count > 1 else ''}"
 
 
-def _say(text: str) -> None:
+def say(text: str) -> None:
     """Print a sentence; its words are wrapped at the width of the terminal, at most 80 columns, and never broken."""
     within = text[: len(text) - len(text.lstrip())]
     width = min(COLUMNS, columns())
@@ -229,7 +215,7 @@ def _print_tables(tables: Sequence[Table]) -> None:
     for data in tables:
         rows += len(data.rows)
         if rows > _MOST_ROWS_OF_TABLES:
-            _say(f"{data.title}: {len(data.rows)} rows (-o writes them to tables/{data.id}.csv)")
+            say(f"{data.title}: {len(data.rows)} rows (-o writes them to tables/{data.id}.csv)")
             continue
         title, names, cells = _without_single_scene(data)
         console.print(title, style="bold", markup=False)
@@ -243,7 +229,7 @@ def _print_tables(tables: Sequence[Table]) -> None:
             continue
         for row in cells:
             first, *others = (f"{name} {_plain(value)}" for name, value in zip(names, row, strict=True))
-            _say(f"{first}; {'; '.join(others)}")
+            say(f"{first}; {'; '.join(others)}")
 
 
 def _fits(names: Sequence[str], cells: Sequence[Sequence[str | float]], width: int) -> bool:
@@ -258,168 +244,6 @@ def _plain(value: str | float) -> str:
     return value if isinstance(value, str) else "-" if value != value else f"{value:.4g}"
 
 
-class _Meter:
-    """The progress of a command: the fraction of the work that is done, and the state of the present campaign."""
-
-    def __init__(self, show: Callable[[_Meter], None]) -> None:
-        self.show, self.fraction, self.label = show, 0.0, ""
-        self.state: Campaign | None = None
-        self.rate: float | None = None
-        """Runs per second that the present campaign has made."""
-        self._began = self._campaign_began = time.monotonic()
-        self._stored = 0
-
-    def advance(self, done: float, total: int, label: str) -> None:
-        """Note the fraction that is done; the callback of a command."""
-        self.fraction, self.label = done / total if total else 1.0, label
-        self.show(self)
-
-    def watch(self, state: Campaign) -> None:
-        """Note the state of a campaign."""
-        if state is not self.state:
-            self.state, self._stored, self._campaign_began = state, state.done, time.monotonic()
-        computed = state.done - self._stored
-        self.rate = computed / (time.monotonic() - self._campaign_began) if computed else None
-        self.show(self)
-
-    @property
-    def text(self) -> str:
-        """The state in a line: runs, their rate, failures, and what is running."""
-        if self.state is None:
-            return self.label
-        rate = f", {self.rate:.3g}/s" if self.rate else ""
-        words = f"{self.state.done}/{self.state.total} runs{rate}, {self.state.failures} failed"
-        return f"{words}: {'; '.join(self.state.running) or self.label}"
-
-    @property
-    def elapsed(self) -> str:
-        """Minutes and seconds since the start, and the fraction that is done if it is known."""
-        minutes, seconds = divmod(round(time.monotonic() - self._began), 60)
-        return f"{minutes} min {seconds:02} s" + (f", {100.0 * self.fraction:.0f} %" if self.fraction else "")
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the state for a program."""
-        seconds, state = time.monotonic() - self._began, self.state
-        return {
-            "done": state.done if state else None,
-            "total": state.total if state else None,
-            "fraction": round(self.fraction, 6),
-            "rate": self.rate,
-            "eta": seconds * (1.0 - self.fraction) / self.fraction if self.fraction else None,
-            "failures": state.failures if state else 0,
-            "running": list(state.running if state else ()) or [self.label] * bool(self.label),
-        }
-
-
 def columns() -> int:
     """Return the number of columns of the terminal; many where the output is a pipe."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
-
-
-@contextmanager
-def bar(as_json: bool = False, label: str = "") -> Iterator[Callable[[float, int, str], None] | None]:
-    """Yield the callback of a progress bar with the remaining time on a terminal; elsewhere print a line each 30 s.
-
-    ``as_json``: a line of JSON on stderr in place of the bar, whenever the state has changed. ``label``: what is shown
-    until the first call.
-    """
-    if as_json:
-        with _metered(_Meter(_print_state)) as progress:
-            yield progress
-        return
-    if not sys.stderr.isatty():
-        meter = _Meter(lambda meter: None)
-        meter.label = label
-        with _metered(meter) as progress, _repeated(meter):
-            yield progress
-        return
-    # the import of rich takes a tenth of a second or two: words are shown before it
-    words = (label or "begins")[: shutil.get_terminal_size().columns - 1]
-    print(words, end="", file=sys.stderr, flush=True)
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.table import Column
-
-    parts = (
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TextColumn("ETA"),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}", table_column=Column(no_wrap=True, overflow="ellipsis")),
-    )
-    print(f"\r{' ' * len(words)}\r", end="", file=sys.stderr, flush=True)
-    with Progress(*parts, console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task(escape(label), total=1.0)
-        bars.refresh()
-        meter = _Meter(lambda meter: bars.update(task, completed=meter.fraction, description=escape(meter.text)))
-        with _metered(meter) as progress:
-            yield progress
-
-
-@contextmanager
-def _metered(meter: _Meter) -> Iterator[Callable[[float, int, str], None]]:
-    """Let a meter watch all campaigns, and yield its callback."""
-    from dem_bridge.foundation.progress import watching
-
-    with watching(meter.watch):
-        yield meter.advance
-
-
-@contextmanager
-def _repeated(meter: _Meter) -> Iterator[None]:
-    """Print the state on stderr each 30 s, also while one run lasts longer, so that a log shows what runs."""
-    done = threading.Event()
-
-    def repeat() -> None:
-        while not done.wait(SECONDS_BETWEEN_LINES):
-            print(f"dem-bridge: {meter.elapsed}: {meter.text}", file=sys.stderr, flush=True)
-
-    thread = threading.Thread(target=repeat, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join()
-
-
-def _print_state(meter: _Meter) -> None:
-    """Print the state as a line of JSON on stderr."""
-    print(json.dumps(meter.as_json()), file=sys.stderr, flush=True)
-
-
-@contextmanager
-def ending_in_order() -> Iterator[None]:
-    """Let a first Ctrl-C end a campaign when the runs that have begun are done; a second stops at once."""
-    from dem_bridge.foundation.progress import request_stop, withdraw_stop
-
-    def interrupt(*_: object) -> None:
-        if not request_stop():
-            raise KeyboardInterrupt
-        os.write(2, _IN_ORDER)  # the buffer of stderr may be in use
-
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:  # ignored, or somebody else's
-        yield
-        return
-    signal.signal(signal.SIGINT, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        withdraw_stop()
-
-
-@contextmanager
-def fraction(label: str) -> Iterator[None]:
-    """Show the progress of one run, as :func:`bar`."""
-    from dem_bridge.foundation.progress import listening
-
-    with bar(label=label) as progress:
-        if progress is None:
-            yield
-            return
-        progress(0.0, 1, label)
-        with listening(lambda part: progress(part, 1, label)):
-            yield

@@ -52,22 +52,32 @@ def counted(words: Iterable[str]) -> str:
     return ", ".join(f"{count} {word}" for word, count in Counter(words).most_common())
 
 
-def share(value: float) -> str:
+def relative_number(value: float) -> str:
     """Return a relative number with two digits: in per cent from a thousandth on, as a power of ten below.
+
+    Examples
+    --------
+    >>> relative_number(0.0159), relative_number(1.834), relative_number(4.13e-5), relative_number(float("inf"))
+    ('1.6 %', '183 %', '4.1e-5', 'unknown')
+    """
+    if not math.isfinite(value):
+        return "unknown"
+    if abs(value) >= 9.95e-4:
+        percent = 100.0 * value
+        return f"{percent:.0f} %" if abs(percent) >= 99.5 else f"{float(f'{percent:.2g}'):g} %"
+    digits, power = f"{value:.1e}".split("e")
+    return f"{float(digits):g}e{int(power)}" if value else "0"
+
+
+def share(value: float) -> str:
+    """Return a share of a whole as :func:`relative_number`, or that it is larger than the whole.
 
     Examples
     --------
     >>> share(0.0159), share(1e-3), share(5e-4), share(4.13e-5), share(0.0), share(7.0), share(float("nan"))
     ('1.6 %', '0.1 %', '5e-4', '4.1e-5', '0', 'more than 100 %', 'unknown')
     """
-    if value > 1.0:
-        return "more than 100 %"
-    if not math.isfinite(value):
-        return "unknown"
-    if abs(value) >= 9.95e-4:
-        return f"{float(f'{100.0 * value:.2g}'):g} %"
-    digits, power = f"{value:.1e}".split("e")
-    return f"{float(digits):g}e{int(power)}" if value else "0"
+    return "more than 100 %" if value > 1.0 else relative_number(value)
 
 
 def number(value: float | None) -> str:

@@ -319,5 +319,9 @@ def _bands(rows: Sequence[Row]) -> tuple[Band, ...]:
     if len(kinds) < 2 or any(ends[a][1] >= ends[b][0] for a, b in itertools.pairwise(kinds)):
         return ()
     inner = [(ends[a][1] + ends[b][0]) / 2.0 for a, b in itertools.pairwise(kinds)]
-    edges = [0.0, *(round(edge, 2) for edge in inner), 100.0]
+    largest = ends[kinds[-1]][1]
+    others = [dot.place for row in rows if not row.kind for dot in row.dots if dot.place > largest]
+    # a defect lies beyond the errors of the steps, unless those of a model do
+    last = (largest + min(others)) / 2.0 if others and kinds[-1] != KINDS_OF_ERRORS[-1] else 100.0
+    edges = [round(edge, 2) for edge in (0.0, *inner, last)]
     return tuple(Band(kind, *pair) for kind, pair in zip(kinds, itertools.pairwise(edges), strict=True))

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from dem_bridge.foundation.wording import relative_number
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.images import alternative_text, inline
 from dem_bridge.report.study import Claim, ClaimValue, Table
@@ -163,17 +164,12 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def power(value: float) -> Markup:
-    """Return a relative error with two digits as HTML: in per cent, or below a thousandth with a power of ten.
+    """Return a relative error as HTML, as :func:`~dem_bridge.foundation.wording.relative_number` writes it.
 
     >>> str(power(1.12e-6)), str(power(0.0234)), str(power(1.0)), str(power(0.0))
     ('1.1×10<sup>−6</sup>', '2.3 %', '100 %', '0')
     """
-    if value == 0.0:
-        return Markup("0")
-    percent = 100.0 * value
-    return typeset(
-        f"{value:.1e}" if abs(value) < 1e-3 else f"{percent:.2g} %" if abs(percent) < 99.5 else f"{percent:.0f} %"
-    )
+    return typeset(relative_number(value))
 
 
 def digits_of(value: float, uncertainty: float) -> int:

@@ -11,7 +11,7 @@ from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.foundation.notebook import picture, scene_sketch
 from dem_bridge.report.live import Chain, error_scale_of, shown_chains
 from dem_bridge.report.page import study_files
-from dem_bridge.report.pages import KINDS, outcomes_of, valued
+from dem_bridge.report.pages import KINDS, SEVERITY, outcomes_of, valued
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
 from dem_bridge.verification import crate
@@ -68,7 +68,10 @@ def _shown(study: Verification, store: Store | None) -> dict[str, Any]:
     errors = scales[0] if scales else error_scale(study.studies)
     of = {"outcomes": outcomes_of(study.verdicts, "LAMMPS and of our codes")} if study.claims else {}
     return of | {
-        "banners": [banner_of(chain, study.accuracy) for chain in study.studies],
+        "banners": sorted(
+            (banner_of(chain, study.accuracy) for chain in study.studies),
+            key=lambda banner: SEVERITY.index(banner.outcome),
+        ),
         "chains": shown_chains(_played(study)),
         "scale": None if errors is None else error_scale_of(errors),
         "picture_of": partial(picture_of_runs, store=store),

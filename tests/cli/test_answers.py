@@ -119,6 +119,7 @@ def test_a_run_says_what_is_plausible(tmp_path: Path) -> None:
     # the force of Hertz at this overlap is the largest of the run in some contact
     forces = scene.contacts.stiffness * overlap**1.5
     assert min(abs(forces / run.peak_force - 1.0)) < 1e-2
+    assert "front speed" not in rows  # its spheres are no equal distance apart
     still = replace(scene, velocity=(0.0,) * scene.n_body)
     (tmp_path / "still.toml").write_text(scene_toml(still), encoding="utf-8")
     rows = rows_of("still.toml")
@@ -135,3 +136,24 @@ def test_lost_atoms_are_told_with_the_limit_that_was_passed() -> None:
     assert explained(lost, scene, 0.5 * limit) is lost
     other = RunBroken("ERROR: Unknown command")
     assert explained(other, scene, 1e-4) is other
+
+
+def test_a_run_says_the_speed_of_the_front_with_its_uncertainty(tmp_path: Path) -> None:
+    done = run_here("run", "decelerating-40", "--backend", "verlet", "--dt", "1e-6", cwd=tmp_path)
+    [said] = re.findall(r"^front speed +(.*?)^\w", done.stdout, re.MULTILINE | re.DOTALL)
+    pattern = (
+        r"([\d.]+) m/s \+- ([\d.]+) m/s \(mean over bodies 1 to 39; (\d+) m/s at body 1, ([\d.]+) m/s at body 39\)"
+    )
+    found = re.fullmatch(pattern, " ".join(said.split()))
+    assert found, said
+    mean, bound, first, last = map(float, found.groups())
+    scene = db.load_scene("decelerating-40")
+    truth = db.solve(scene, backend="reference", samples=10, uncertainty=False).crossing_time
+    assert scene.spacing is not None
+    assert abs(mean - 39 * scene.spacing / (truth[39] - truth[0])) <= bound < 1e-2 * mean
+    assert first == pytest.approx(scene.spacing / (truth[1] - truth[0]), rel=0.02)
+    assert last == pytest.approx(scene.spacing / (truth[39] - truth[38]), rel=0.02)
+    # a front that has passed no body has no speed
+    (tmp_path / "short.toml").write_text(scene_toml(replace(scene, duration=2e-6)), encoding="utf-8")
+    short = run_here("run", "short.toml", "--backend", "verlet", "--dt", "1e-6", cwd=tmp_path)
+    assert (short.returncode, "front speed" in short.stdout) == (0, False), short.stderr

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from dem_bridge.cli import terminal
+from dem_bridge.cli import waiting
+from dem_bridge.foundation import kernel_folders
 from dem_bridge.foundation.progress import campaign
 from tests.helpers.processes import happens, pause
 
 #: ends the process at the first progress, with the label and whether numpy or rich was imported before it
 BEGINS = """
 import sys
-from dem_bridge.cli import terminal
+from dem_bridge.cli import waiting
 from dem_bridge.cli.group import main
 
 def begins(as_json=False, label=""):
@@ -23,18 +24,18 @@ def begins(as_json=False, label=""):
     sys.stdout.flush()
     raise SystemExit(77)
 
-terminal.bar = begins
+waiting.bar = begins
 main(sys.argv[1:])
 """
 #: as on a terminal, with the end of the process in place of the import of rich
 SHOWN = """
 import sys
-from dem_bridge.cli import terminal
+from dem_bridge.cli import waiting
 
 sys.modules["rich.console"] = None
 sys.stderr.isatty = lambda: True
 try:
-    with terminal.bar(label="a chain is solved"):
+    with waiting.bar(label="a chain is solved"):
         pass
 except ImportError:
     pass
@@ -72,7 +73,7 @@ def test_the_label_is_shown_before_rich_is_imported() -> None:
 def test_a_log_has_a_line_on_what_runs_while_one_run_lasts(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(terminal, "SECONDS_BETWEEN_LINES", 0.02)
+    monkeypatch.setattr(waiting, "SECONDS_BETWEEN_LINES", 0.02)
     said = ""
 
     def says(words: str) -> bool:
@@ -80,7 +81,7 @@ def test_a_log_has_a_line_on_what_runs_while_one_run_lasts(
         said += capsys.readouterr().err
         return words in said
 
-    with terminal.bar(label="steps are chosen") as progress, campaign(4, 1) as state:
+    with waiting.bar(label="steps are chosen") as progress, campaign(4, 1) as state:
         assert progress is not None
         assert happens(lambda: says(" s: 1/4 runs, 0 failed: steps are chosen\n"))
         state.update(done=1, running=("pair: verlet",))
@@ -90,3 +91,20 @@ def test_a_log_has_a_line_on_what_runs_while_one_run_lasts(
     capsys.readouterr()
     pause(0.1)
     assert capsys.readouterr().err == ""  # the lines end with the work
+
+
+def test_compiling_is_announced_until_a_kernel_is_on_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(kernel_folders, "folders_to_read", lambda: (tmp_path,))
+    words = "dem-bridge: kernels are compiled first, once on this machine: up to a minute\n"
+    waiting.announce_compiling()
+    assert capsys.readouterr().err == words
+    (tmp_path / "dem_bridge.backends.verlet.advance-0.kernel").touch()
+    waiting.announce_compiling()
+    assert capsys.readouterr().err == ""
+    # those of the reference are others
+    waiting.announce_compiling("taylor", silent=True)
+    assert capsys.readouterr().err == ""
+    waiting.announce_compiling("taylor")
+    assert capsys.readouterr().err == words

@@ -45,7 +45,7 @@ def main(folder: str, count: str, jobs: str, kind: str, json_progress: bool) -> 
     ``kind``: "twin", "lammps-1", or "lammps" for one and two ranks in turn.
     """
     from dem_bridge.backends.base import Resolution, Sampling
-    from dem_bridge.cli.terminal import bar
+    from dem_bridge.cli.waiting import bar
     from dem_bridge.lmp.engine import Engine
     from dem_bridge.runs.campaign import run_cases
     from dem_bridge.runs.case import Case

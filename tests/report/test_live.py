@@ -103,5 +103,14 @@ def test_bands_lie_between_the_kinds_and_there_are_none_where_kinds_overlap() ->
     assert coarse.bands == ()
 
 
+def test_the_band_of_the_step_ends_before_a_defect() -> None:
+    panel = replace(_panel(1e-10, 1e-6, 0.1), row_kinds=("", "round-off", "time step", "", ""))
+    scale = error_scale_of(panel)
+    assert scale is not None
+    step, defect = scale.rows[1].dots[0], scale.rows[2].dots[-1]  # the largest and the least
+    middle = (step.place + defect.place) / 2.0
+    assert scale.bands[-1] == ("time step", scale.bands[0].right, round(middle, 2))
+
+
 def test_a_panel_without_values_has_no_scale() -> None:
     assert error_scale_of(_panel(0.0, 0.0, 0.0)) is None

@@ -262,7 +262,7 @@ def test_navigation_has_five_entries_before_version_and_date(whole: Path, page: 
     for file in (whole / "index.html", page):
         [nav] = re.findall(r"<body>\s*<nav[^>]*>(.*?)</nav>", file.read_text(encoding="utf-8"), re.DOTALL)
         assert nav.count("<a ") == 5
-        assert re.search(rf'class="about">dem_bridge {re.escape(db.__version__)} .*20\d\d-\d\d-\d\d<', nav)
+        assert re.search(rf'class="about"><span>dem_bridge {re.escape(db.__version__)}</span> .*20\d\d-\d\d-\d\d<', nav)
 
 
 def test_the_strip_of_claims_keeps_its_meaning_without_colour(whole: Path) -> None:

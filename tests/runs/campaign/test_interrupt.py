@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from dem_bridge.backends.base import Resolution, Sampling
-from dem_bridge.cli import terminal
+from dem_bridge.cli import waiting
 from dem_bridge.foundation import progress
 from dem_bridge.foundation.progress import Campaign, Interrupted, request_stop, withdraw_stop
 from dem_bridge.runs.campaign import run, run_cases
@@ -150,12 +150,12 @@ def test_a_campaign_that_hears_of_no_stop_is_seen(monkeypatch: pytest.MonkeyPatc
 
 def test_there_is_nothing_to_stop_in_order_where_no_campaign_runs() -> None:
     assert not request_stop()
-    with pytest.raises(KeyboardInterrupt), terminal.ending_in_order():
+    with pytest.raises(KeyboardInterrupt), waiting.ending_in_order():
         signal.raise_signal(signal.SIGINT)
 
 
 def test_the_first_of_two_interrupts_is_no_exception(capfd: pytest.CaptureFixture[str]) -> None:
-    with terminal.ending_in_order():
+    with waiting.ending_in_order():
         with progress.campaign(3, 0):
             signal.raise_signal(signal.SIGINT)
             assert progress.stop_requested()
@@ -172,7 +172,7 @@ def test_the_progress_is_a_line_of_json_for_each_change(capsys: pytest.CaptureFi
     store = Store(tmp_path)
     run_cases(_cases(1), store=store)
     heavy = replace(_cases(1)[0], scene=replace(THREE, gravity=9.81))  # unsupported, which is no failure
-    with terminal.bar(True) as callback:
+    with waiting.bar(True) as callback:
         run_cases([*_cases(3), heavy], store=store, progress=callback)
     lines: list[dict[str, Any]] = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
     assert all(list(line) == ["done", "total", "fraction", "rate", "eta", "failures", "running"] for line in lines)
@@ -193,7 +193,7 @@ def test_broken_runs_are_counted_and_the_counts_add_up(
         return broken("it broke", "log") if task.case == cases[1] else perform_task(task)
 
     monkeypatch.setattr(run, "perform_task", perform)
-    with terminal.bar(True) as callback:
+    with waiting.bar(True) as callback:
         run_cases(cases, progress=callback)
     lines: list[dict[str, Any]] = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
     assert {line["total"] for line in lines} == {4}
@@ -207,8 +207,8 @@ def test_the_rate_and_the_remaining_time_follow_from_what_was_done_since_the_sta
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     clock = SimpleNamespace(now=100.0)
-    monkeypatch.setattr(terminal, "time", SimpleNamespace(monotonic=lambda: clock.now))
-    meter = terminal._Meter(lambda _: None)
+    monkeypatch.setattr(waiting, "time", SimpleNamespace(monotonic=lambda: clock.now))
+    meter = waiting.Meter(lambda _: None)
     state = Campaign(total=8, done=2)  # two are in the store
     meter.watch(state)
     clock.now += 10.0
@@ -219,7 +219,7 @@ def test_the_rate_and_the_remaining_time_follow_from_what_was_done_since_the_sta
 
 
 def test_the_line_of_a_terminal_says_the_rate_failures_and_what_is_running() -> None:
-    meter = terminal._Meter(lambda _: None)
+    meter = waiting.Meter(lambda _: None)
     meter.advance(0.0, 4, "the step")
     assert meter.text == "the step"
     state = Campaign(total=4, done=1)
