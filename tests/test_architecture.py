@@ -215,7 +215,6 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
                 "cli.scene_files",
                 "cli.store",
                 "cli.studies",
-                "cli.values",
                 "cli.waiting",
             },
         ),

@@ -16,8 +16,7 @@ import click
 import dem_bridge
 from dem_bridge.cli import terminal, waiting
 from dem_bridge.cli.options import DT_OF_FILE, FOLDER, LAMMPS, SCENE_OF_FILE, UNITS
-from dem_bridge.cli.parameters import Argument, Option, make_command
-from dem_bridge.cli.values import scene_names
+from dem_bridge.cli.parameters import Argument, Option, make_command, scene_names
 from dem_bridge.errors import UnsupportedScene, UsageError
 from dem_bridge.foundation.files import check_report_folder
 

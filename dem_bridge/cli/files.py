@@ -10,17 +10,22 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import dem_bridge
-from dem_bridge.cli import options, terminal, values, waiting
+from dem_bridge.cli import options, terminal, waiting
 from dem_bridge.cli.parameters import (
     ACCURACIES,
+    FILE,
     NOT_NEGATIVE,
     POSITIVE,
     Argument,
     Limits,
     Option,
+    assignments,
     check_new,
     check_output,
+    integers,
     make_command,
+    names,
+    numbers,
     print_json,
 )
 from dem_bridge.errors import UsageError
@@ -43,7 +48,7 @@ def _print_assumptions(path: Path, run: Trajectory) -> None:
 
 @make_command(
     "convert",
-    Argument("run", "RUN", values.FILE),
+    Argument("run", "RUN", FILE),
     replace(options.OUTPUT, help="File to write: .extxyz, .lammpstrj, .csv or .nc.", required=True),
     options.SCENE_OF_FILE,
     options.UNITS,
@@ -90,8 +95,8 @@ def convert(
 
 @make_command(
     "compare",
-    Argument("first", "A[@DT]", values.FILE),
-    Argument("second", "B[@DT]", values.FILE),
+    Argument("first", "A[@DT]", FILE),
+    Argument("second", "B[@DT]", FILE),
     options.SCENE_OF_FILE,
     options.UNITS,
     options.DT_OF_FILE,
@@ -178,7 +183,7 @@ def _check_ends(runs: list[Trajectory], dt: float) -> None:
         ("csv", "json", "md", "tex", "parquet", "lammps"),
         default="by the ending of FILE, else csv",
     ),
-    Option("columns", "Columns to write, by their names in csv.", values.names, metavar="A,B", default="all"),
+    Option("columns", "Columns to write, by their names in csv.", names, metavar="A,B", default="all"),
     replace(options.BACKEND, help="Backend of the run in the table.", default="reference"),
     options.DT,
     options.ACCURACY,
@@ -203,9 +208,7 @@ def _check_ends(runs: list[Trajectory], dt: float) -> None:
         limits=ACCURACIES,
         default="0.01",
     ),
-    Option(
-        "angles", "Angles of the table stiffness-curve, degrees.", values.numbers, metavar="A,B", default="0.1 to 90"
-    ),
+    Option("angles", "Angles of the table stiffness-curve, degrees.", numbers, metavar="A,B", default="0.1 to 90"),
     Option("radius", "Radius of the cylinders, m.", float, unit="m", limits=POSITIVE, default="the scene's"),
     Option(
         "youngs_modulus",
@@ -282,24 +285,24 @@ def export(
     replace(
         options.DT_OF_FILE,
         help="Time step of a single file, or time steps of the command, s.  [default of the command: four steps]",
-        kind=values.numbers,
+        kind=numbers,
         metavar="S[,S...]",
     ),
     replace(options.TIME_LIMIT, help="Time limit of each run of a command or a deck, s."),
     Option(
         "columns",
         'Headings of all columns in their order, or HEADING=MEANING,..., such as "ch1=velocity 3 [mm/s]".',
-        values.assignments,
+        assignments,
         metavar="A,B,...",
     ),
     replace(
         options.UNITS,
         help="Units that the files do not state: si, metal, ... or QUANTITY=UNIT,..., such as time=ms.",
-        kind=values.assignments,
+        kind=assignments,
         metavar="UNITS",
         default="",
     ),
-    Option("bodies", "Body of each column, from 0, the struck end.", values.integers, metavar="I,J,..."),
+    Option("bodies", "Body of each column, from 0, the struck end.", integers, metavar="I,J,..."),
     Option("axis", "Axis along which the chain lies.", ("x", "y", "z")),
     replace(options.VARIABLES, help="Value of a variable of a deck, as LAMMPS accepts it by -var; can be repeated."),
     *options.LAMMPS,

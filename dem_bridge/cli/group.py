@@ -21,13 +21,12 @@ from dem_bridge.cli import options, terminal, waiting
 from dem_bridge.cli.check import check
 from dem_bridge.cli.demo import demo, show
 from dem_bridge.cli.files import compare, convert, export, judge
-from dem_bridge.cli.parameters import POSITIVE, Option, check_new, make_command, print_json
+from dem_bridge.cli.parameters import FILE, POSITIVE, ObservableChoice, Option, check_new, make_command, print_json
 from dem_bridge.cli.regress import regress
 from dem_bridge.cli.run import run, warn_of_engine
 from dem_bridge.cli.scene_files import import_group, new, schema
 from dem_bridge.cli.store import store_group
 from dem_bridge.cli.studies import study as study_group
-from dem_bridge.cli.values import FILE, ObservableChoice
 from dem_bridge.errors import BlockedScript, DemBridgeError, UnsupportedScene, one_line
 from dem_bridge.foundation.files import FILES_BELOW, write_whole
 
@@ -191,7 +190,7 @@ def verify(
     if json_file is not None:
         write_whole(json_file.parent, {json_file.name: (folder / "verdicts.json").read_text(encoding="utf-8")})
     if junit_file is not None:
-        from dem_bridge.verification.junit import junit
+        from dem_bridge.verification.records import junit
 
         write_whole(junit_file.parent, {junit_file.name: junit(verification.verdicts)})
     for study in verification.studies:

@@ -8,8 +8,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dem_bridge.cli.parameters import ACCURACIES, COUNTS, POSITIVE, Argument, Option
-from dem_bridge.cli.values import FILE, BackendChoice, Cluster, scene_names, variable
+from dem_bridge.cli.parameters import (
+    ACCURACIES,
+    COUNTS,
+    FILE,
+    POSITIVE,
+    Argument,
+    BackendChoice,
+    Cluster,
+    Option,
+    scene_names,
+    variable,
+)
 
 # what a command works on
 SCENE = Argument("scene", completion=scene_names)

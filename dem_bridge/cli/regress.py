@@ -26,8 +26,7 @@ from dem_bridge.cli.options import (
     LAMMPS,
     SCENES,
 )
-from dem_bridge.cli.parameters import Option, check_new, json_text, make_command
-from dem_bridge.cli.values import FILE
+from dem_bridge.cli.parameters import FILE, Option, check_new, json_text, make_command
 from dem_bridge.errors import DemBridgeError, UsageError
 from dem_bridge.foundation.files import text_of_file, write_whole
 
@@ -131,7 +130,7 @@ def _regress(
     waiting.announce_compiling("taylor", silent=json_progress)
     with waiting.bar(json_progress, label="the baselines are read") as progress:
         regression = dem_bridge.regress(list(scenes), progress=progress, **settings)
-    from dem_bridge.verification.junit import regression_junit
+    from dem_bridge.verification.records import regression_junit
     from dem_bridge.verification.regression.shown import lines, markdown
 
     if against is not None:

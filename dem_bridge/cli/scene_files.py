@@ -14,8 +14,17 @@ import click
 
 import dem_bridge
 from dem_bridge.cli import options
-from dem_bridge.cli.parameters import FINITE, NOT_NEGATIVE, Argument, Option, check_new, json_text, make_command
-from dem_bridge.cli.values import FILE, wall
+from dem_bridge.cli.parameters import (
+    FILE,
+    FINITE,
+    NOT_NEGATIVE,
+    Argument,
+    Option,
+    check_new,
+    json_text,
+    make_command,
+    wall,
+)
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.files import text_of_file, write_whole
 

@@ -22,7 +22,6 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.transforms import Bbox
 
-from dem_bridge.report.colours import DIVERGING, colour_limits
 from dem_bridge.report.drawing_names import (
     THINNED,
     draw_legend,
@@ -43,6 +42,7 @@ from dem_bridge.report.drawing_styles import (
     style_on_map,
 )
 from dem_bridge.report.study import FigureData, Map, Panel, Series
+from dem_bridge.report.styles import DIVERGING, colour_limits
 
 #: colour map with even lightness, and that of values of both signs
 COLOURS = "cividis"

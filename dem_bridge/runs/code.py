@@ -31,12 +31,11 @@ NOT_IN_RUNS = (
 )  # fmt: skip
 #: modules, and folders of them, that no number of a study passes through
 NOT_IN_STUDIES = (
-    "api", "cli", "formats.tables", "formats.writers", "foundation.notebook",
-    "foundation.presenters", "foundation.wording", "plot", "report.colours", "report.drawing", "report.drawing_names",
-    "report.drawing_styles", "report.images", "report.live", "report.page", "report.pages", "report.styles",
-    "report.templates", "runs.campaign.cluster", "trajectory.shown", "verification.banner", "verification.bundle",
-    "verification.chains", "verification.crate", "verification.figures", "verification.junit", "verification.motion",
-    "verification.page", "verification.pictures", "verification.regression", "verification.replay",
+    "api", "cli", "formats.tables", "formats.writers", "foundation.notebook", "foundation.presenters",
+    "foundation.wording", "plot", "report.styles", "report.drawing", "report.drawing_names", "report.drawing_styles",
+    "report.images", "report.live", "report.page", "report.templates", "runs.campaign.cluster", "trajectory.shown",
+    "verification.banner", "verification.bundle", "verification.chains", "verification.figures", "verification.page",
+    "verification.records", "verification.regression", "verification.replay",
     "verification.templates",
 )  # fmt: skip
 #: folder of the rules of uncertainties, and the module there that selects the family or rule of each backend, which the

@@ -40,7 +40,7 @@ from dem_bridge.studies.restitution_impacts import (
     varied_impacts,
     written_impacts,
 )
-from dem_bridge.verification.defects import named_failures
+from dem_bridge.verification.assess import named_failures
 
 TEXTS = Texts("restitution", "dem_bridge.studies")
 WRITE_COLUMNS = (

@@ -22,7 +22,7 @@ from dem_bridge.errors import OF_DAMAGED_DATA, RunBroken, UnsupportedScene, Usag
 from dem_bridge.foundation.files import text_of_file, write_whole
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Verdict, plain
-from dem_bridge.report.pages import fill
+from dem_bridge.report.page import fill
 from dem_bridge.report.study import Table
 from dem_bridge.scene.file.write import scene_toml
 from dem_bridge.verification.assess import SceneStudy

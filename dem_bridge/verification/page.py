@@ -1,30 +1,40 @@
-"""Write a verification as files: its page shows runs, budgets and shared modules beside what every study has."""
+"""Write a verification as files: its page shows runs, budgets and shared modules beside what every study has.
+
+Its scope follows ASME V&V 10 and 40: code verification asks whether a program solves its equations correctly, solution
+verification how large the numerical error of a given run is, and validation whether the equations describe reality.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.foundation.notebook import picture, scene_sketch
+from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.images import recalled_picture, svg_of
 from dem_bridge.report.live import Chain, error_scale_of, shown_chains
-from dem_bridge.report.page import study_files
-from dem_bridge.report.pages import KINDS, SEVERITY, outcomes_of, valued
+from dem_bridge.report.page import KINDS, SEVERITY, outcomes_of, study_files, valued
+from dem_bridge.report.texts import Texts
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
-from dem_bridge.verification import crate
+from dem_bridge.verification import records
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.banner import banner_of
 from dem_bridge.verification.chains import chains_of, error_scale
-from dem_bridge.verification.figures import spacetime_maps
 from dem_bridge.verification.independence import ANSWERS_THROUGH, Shared, matrix
-from dem_bridge.verification.pictures import picture_of_runs
 from dem_bridge.verification.reference import BLANES_MOAN, REFERENCE, SCIPY
 from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN
-from dem_bridge.verification.scope import scope
 from dem_bridge.verification.verification import Verification
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 NAMES = {
     **dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"),
@@ -43,7 +53,7 @@ def verification_files(study: Verification, store: Store | None = None) -> dict[
     """Return the files of a verification by name, for the paper with an RO-Crate; pictures are kept in ``store``."""
     files = study_files(study, store, template=("verification.html.j2", __package__), **_shown(study, store))
     if study.claims:
-        files[crate.NAME] = crate.crate(study, files)
+        files[records.NAME] = records.crate(study, files)
     return files
 
 
@@ -92,5 +102,64 @@ def _shown(study: Verification, store: Store | None) -> dict[str, Any]:
 
 def picture_of_verification(study: Verification) -> str:
     """Return the HTML of the motion of the first scene for a notebook; empty where it was not run."""
+    from dem_bridge.verification.figures import spacetime_maps  # imports matplotlib
+
     figure = spacetime_maps(study.studies[:1])
     return "" if figure is None else picture(figure, f"velocity of each body: {study.studies[0].scene.name}")
+
+
+TEXTS = Texts("scope", "dem_bridge.verification")
+PARTS = ("use", "domain", "tolerances", "code", "solution", "validation")
+
+
+def scope(verification: Verification) -> tuple[tuple[str, str], ...]:
+    """Return headings with their paragraphs; numbers follow from the scenes and the verdicts."""
+    scenes = [study.scene for study in verification.studies]
+    if not scenes:
+        return ()
+    counts = Counter(verdict.outcome for verdict in verification.verdicts)
+    budgets = [budget for study in verification.studies for budget in study.budgets]
+    exponents = np.concatenate([scene.contacts.exponent for scene in scenes])
+    stiffness = np.concatenate([scene.contacts.stiffness for scene in scenes])
+    features = sorted({feature.label for scene in scenes for feature in scene.features})
+    values = {
+        "scenes": len(scenes),
+        "bodies": _range([scene.n_body for scene in scenes]),
+        "stiffness": _range(stiffness),
+        "exponents": _range(exponents),
+        "speed": max(float(np.max(np.abs(scene.velocity))) for scene in scenes),
+        "features": ", ".join(features) or "none",
+        "accuracy": verification.accuracy,
+        "verdicts": counts.total(),
+        "passed": counts[Outcome.PASS],
+        "budgets": len(budgets),
+        "unexplained": sum(budget.is_finding for budget in budgets),
+    }
+    return tuple((TEXTS(part, "headings"), TEXTS(part, **values)) for part in PARTS)
+
+
+def _range(values: Sequence[float] | NDArray[np.float64]) -> str:
+    """Return the least and the largest of some values as text, or the value if all are the same."""
+    ends = [f"{value:.3g}" for value in (np.min(values), np.max(values))]
+    return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
+
+
+def picture_of_runs(name: str, studies: Sequence[SceneStudy], store: Store | None = None) -> str | None:
+    """Return the picture that a function of :mod:`.figures` draws of runs; None if it draws none."""
+
+    def draw() -> str | None:
+        from dem_bridge.verification import figures  # matplotlib is imported for pictures that the store has not
+
+        figure: Figure | None = getattr(figures, name)(studies)
+        return None if figure is None else svg_of(figure)
+
+    keys = [result.key for study in studies for result in study.results]
+    judged = [
+        (
+            study.refinement,
+            [verdict.as_json() for verdict in study.verdicts],
+            [budget.as_json() for budget in study.budgets],
+        )
+        for study in studies
+    ]
+    return recalled_picture(store, name, keys, draw, [study.scene for study in studies], judged=judged)

@@ -26,9 +26,8 @@ from dem_bridge.runs.store import Store
 from dem_bridge.runs.uncertainty.step_choice import step_for_accuracy
 from dem_bridge.scene.scene import Scene
 from dem_bridge.verification import checks
-from dem_bridge.verification.assess import SceneStudy, assess_scene
+from dem_bridge.verification.assess import SceneStudy, assess_scene, named_failures
 from dem_bridge.verification.budget import Budget
-from dem_bridge.verification.defects import named_failures
 from dem_bridge.verification.reference import REFERENCE
 from dem_bridge.verification.roles import Roles, Runs, assign_roles, list_cases
 from dem_bridge.verification.verification import TEXTS, Verification, verification_of

@@ -17,7 +17,7 @@ from dem_bridge.lmp.known_defects import KnownDefect, defects_of, known_defects
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import Study
 from dem_bridge.scene.file.write import scene_toml
-from dem_bridge.verification.defects import named_failures
+from dem_bridge.verification.assess import named_failures
 
 PINNED = 20250722
 PAIR = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))

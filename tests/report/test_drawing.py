@@ -17,13 +17,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
-from dem_bridge.report.colours import colour_limits
 from dem_bridge.report.drawing import draw_figure, fix_layout, panel_boxes
 from dem_bridge.report.drawing_styles import style_of
 from dem_bridge.report.images import picture_of_data
 from dem_bridge.report.page import csv_texts
 from dem_bridge.report.study import FigureData, Map, Panel, Series
-from dem_bridge.report.styles import FURTHER, OF_BACKEND, STYLES
+from dem_bridge.report.styles import FURTHER, OF_BACKEND, STYLES, colour_limits
 from tests.helpers.legibility import assert_legible
 
 X = np.arange(1.0, 41.0)

@@ -14,10 +14,10 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from dem_bridge.report.colours import colour_limits
 from dem_bridge.report.drawing import draw_figure, draw_panel, fix_layout, new_axes
 from dem_bridge.report.drawing_styles import scale_together, set_scales
 from dem_bridge.report.study import FigureData, Map, Panel, Series
+from dem_bridge.report.styles import colour_limits
 
 #: width of a sheet, inches
 SHEET = 7.3

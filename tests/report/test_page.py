@@ -22,15 +22,14 @@ from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.images import compress_png
-from dem_bridge.report.page import csv_texts, write_study
-from dem_bridge.report.pages import KINDS, digits_of, number, sortable, typeset
+from dem_bridge.report.page import KINDS, csv_texts, digits_of, number, sortable, typeset, write_study
 from dem_bridge.report.study import Claim, Study
 from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.verification.assess import SceneStudy, assess_scene
-from dem_bridge.verification.junit import junit
+from dem_bridge.verification.records import junit
 from dem_bridge.verification.roles import TWIN, assign_roles
 from dem_bridge.verification.verification import SCHEMA, Verification, verification_of
 from dem_bridge.verification.verify import plan_scene

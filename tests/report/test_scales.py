@@ -10,7 +10,6 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dem_bridge.report.colours import colour_limits
 from dem_bridge.report.drawing import NOTEBOOK_WIDTH, WIDTH, draw_figure, draw_panel, new_axes
 from dem_bridge.report.drawing_styles import (
     groups_of_scale,
@@ -20,7 +19,7 @@ from dem_bridge.report.drawing_styles import (
 )
 from dem_bridge.report.page import csv_texts
 from dem_bridge.report.study import FigureData, Map, Panel, Series
-from dem_bridge.report.styles import STYLES
+from dem_bridge.report.styles import STYLES, colour_limits
 
 NAN = float("nan")
 

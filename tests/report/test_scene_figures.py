@@ -25,10 +25,10 @@ from dem_bridge.verification.figures import (
     convergence,
     error_budget,
     front_along_chain,
+    motion,
     residence_panel,
     spacetime_maps,
 )
-from dem_bridge.verification.motion import motion
 from dem_bridge.verification.roles import assign_roles
 
 

@@ -30,9 +30,9 @@ from dem_bridge.verification.figures import (
     convergence,
     error_budget,
     front_along_chain,
+    motion,
     spacetime_maps,
 )
-from dem_bridge.verification.motion import motion
 from dem_bridge.verification.roles import assign_roles
 from tests.report.test_scene_figures import SIX, TEN, _budget, _chain, _panels, _points, _study
 

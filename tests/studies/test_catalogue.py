@@ -28,8 +28,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.images import alternative_text, inline
-from dem_bridge.report.page import write_study
-from dem_bridge.report.pages import typeset
+from dem_bridge.report.page import typeset, write_study
 from dem_bridge.report.study import FigureData, Panel, Series, Study, Table
 from dem_bridge.scene.file.write import scene_toml
 from dem_bridge.scene.scene import Scene

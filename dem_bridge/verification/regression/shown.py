@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from dem_bridge.report.pages import fill
+from dem_bridge.report.page import fill
 from dem_bridge.verification.regression.baseline import QUANTITIES
 from dem_bridge.verification.regression.compare import Change, Comparison, worst_outcome
 from dem_bridge.verification.regression.run import Regression

@@ -1,6 +1,7 @@
-"""Describe the folder of a report as an RO-Crate that follows the profile Process Run Crate.
+"""Write a verification for other programs: its folder as an RO-Crate, verdicts and regressions as JUnit XML.
 
-The crate says which files the folder has, which program made them from which scenes and with which versions, and when.
+The crate follows the profile Process Run Crate. It says which files the folder has, which program made them from which
+scenes and with which versions, and when.
 
 References
 ----------
@@ -11,11 +12,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
+from dem_bridge.observables.verdict import Verdict
+from dem_bridge.report.page import fill
 from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.verification import Verification
+
+if TYPE_CHECKING:
+    from dem_bridge.verification.regression.compare import Comparison
 
 #: the file of a crate
 NAME = "ro-crate-metadata.json"
@@ -156,3 +162,31 @@ def _file(name: str, content: str | bytes) -> dict[str, Any]:
         "contentSize": str(len(data)),
         "sha256": hashlib.sha256(data).hexdigest(),
     }
+
+
+#: JUnit element of each outcome and change; those without an element pass
+_ELEMENTS = {
+    **dict.fromkeys(("FAIL", "UNDECIDED", "CHANGED", "GONE"), "failure"),
+    **dict.fromkeys(("NOT_RUN", "MODEL_DIFFERENCE", "NEW"), "skipped"),
+    "BROKEN": "error",
+}
+
+
+def junit(verdicts: Sequence[Verdict]) -> str:
+    """Return JUnit XML with a test case per verdict."""
+    return _xml((v.scene, f"{v.quantity}: {v.backend} against {v.reference}", v.outcome, v.sentence) for v in verdicts)
+
+
+def regression_junit(comparisons: Sequence[Comparison]) -> str:
+    """Return JUnit XML with a test case per comparison with a baseline."""
+    return _xml(
+        (c.scene, f"{c.backend}: same as its baseline", c.change, "; ".join([c.sentence, *c.notes]))
+        for c in comparisons
+    )
+
+
+def _xml(cases: Iterable[tuple[str, str, str, str]]) -> str:
+    """Return the JUnit XML of test cases: class, name, outcome and sentence of each."""
+    names = ("group", "name", "outcome", "sentence")
+    filled = [{**dict(zip(names, case, strict=True)), "element": _ELEMENTS.get(case[2])} for case in cases]
+    return fill("junit.xml.j2", __package__, cases=filled)

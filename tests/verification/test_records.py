@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from dem_bridge.report.page import write_study
-from dem_bridge.verification.crate import NAME
+from dem_bridge.verification.records import NAME
 from dem_bridge.version import __version__
 from tests.helpers.fake_paper import NOTHING, fake_paper
 

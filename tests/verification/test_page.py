@@ -9,8 +9,8 @@ import pytest
 import dem_bridge as db
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.page import PARTS, scope
 from dem_bridge.verification.roles import assign_roles
-from dem_bridge.verification.scope import PARTS, scope
 from dem_bridge.verification.verification import verification_of
 
 VERDICT = Verdict(
