@@ -150,13 +150,12 @@ def verify(
 
 def _scene_or_script(source: Scene | str | Path) -> Scene:
     """Return a scene, or that of an input script."""
+    if isinstance(source, Scene) or Path(source).suffix == ".toml" or not Path(source).is_file():
+        return scene_of(source)
     from dem_bridge.api.scenes import scene_from_deck
     from dem_bridge.judging.deck import is_deck
 
-    path = None if isinstance(source, Scene) else Path(source)
-    if path is not None and path.suffix != ".toml" and path.is_file() and is_deck(path):
-        return scene_from_deck(path)
-    return scene_of(source)
+    return scene_from_deck(Path(source)) if is_deck(Path(source)) else scene_of(source)
 
 
 def write_found(

@@ -236,8 +236,9 @@ def unsupported_reason(chosen: Backend, scene: Scene) -> str | None:
     if reason is None:
         return None
     order = dict.fromkeys((chosen.supports.instead, *GENERAL, *BACKENDS))
-    others = [name for name in order if name in BACKENDS and supports_of(name).covers(scene)]
-    return f"{reason}; " + (f"use backend = {others[0]!r}" if others else "no backend supports this scene")
+    # a backend is imported when its declaration is asked for: those after the first that fits are not
+    other = next((name for name in order if name in BACKENDS and supports_of(name).covers(scene)), None)
+    return f"{reason}; " + ("no backend supports this scene" if other is None else f"use backend = {other!r}")
 
 
 def supports_of(name: str) -> Support:

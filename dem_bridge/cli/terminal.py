@@ -194,7 +194,9 @@ def _not_passed(verdicts: Sequence[Verdict]) -> Iterator[str]:
     """Yield the outcome and sentence of verdicts that do not pass, each sentence once with the number of scenes."""
     from collections import Counter
 
-    left = [v for v in verdicts if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE")]
+    from dem_bridge.report.texts import without_repeats
+
+    left = without_repeats(v for v in verdicts if v.outcome.value not in ("PASS", "MODEL_DIFFERENCE"))
     for line, count in Counter(f"{v.outcome.value}: {v.sentence}" for v in left).items():
         yield f"{line}{f' ({count} times)' if count > 1 else ''}"
 

@@ -28,6 +28,7 @@ from dem_bridge.foundation.wording import relative_number
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.images import alternative_text, inline, picture_of_data
 from dem_bridge.report.study import Claim, ClaimValue, FigureData, Map, Panel, Study, Table
+from dem_bridge.report.texts import without_repeats
 from dem_bridge.runs.store import Store
 from dem_bridge.version import __version__
 
@@ -77,7 +78,7 @@ def study_files(
         for figure in study.figures
     }
     shown = {"about": about(study.provenance), "outcomes": outcomes_of(study.verdicts)} | shown
-    failures = [verdict for verdict in study.verdicts if verdict.outcome in SEVERITY[:3]]
+    failures = list(without_repeats(verdict for verdict in study.verdicts if verdict.outcome in SEVERITY[:3]))
     files: dict[str, str | bytes] = {
         "index.html": fill(*template, study=study, files=figures, failures=failures, **shown),
         study.record_name: json.dumps(study.as_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",

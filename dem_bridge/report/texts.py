@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from importlib import resources
 from string import Formatter
@@ -108,3 +109,22 @@ def verdict_table(verdicts: Iterable[Verdict]) -> Table:
         compared = f"{verdict.backend} - {verdict.reference}" if verdict.reference else verdict.backend
         rows.append(vars(verdict) | {"quantity": verdict.quantity.replace("_", " "), "compared": compared})
     return Texts("verdicts", __package__).table("verdicts", VERDICTS_COLUMNS, rows)
+
+
+def without_repeats(verdicts: Iterable[Verdict]) -> Iterator[Verdict]:
+    """Yield verdicts, those after the first on a known defect with its name in place of the words on it.
+
+    >>> words = {"quantity": "", "backend": "", "reference": "", "outcome": "FAIL", "known_defect": "d"}
+    >>> found = [Verdict(scene=name, sentence=f"Known defect d: it is long: {name}.", **words) for name in ("a", "b")]
+    >>> [verdict.sentence for verdict in without_repeats(found)]
+    ['Known defect d: it is long: a.', 'Known defect d: b.']
+    """
+    described: dict[str, list[str]] = {}
+    for verdict in verdicts:
+        name, parts = verdict.known_defect, verdict.sentence.split(": ")
+        if name and (before := described.setdefault(name, parts)) is not parts:
+            # what both sentences begin with describes the defect
+            same = next((k for k, (one, other) in enumerate(zip(before, parts, strict=False)) if one != other), 0)
+            if same:
+                verdict = replace(verdict, sentence=f"Known defect {name}: {': '.join(parts[same:])}")
+        yield verdict

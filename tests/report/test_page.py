@@ -19,10 +19,10 @@ from PIL import Image
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import RunBroken, UsageError
-from dem_bridge.observables.verdict import Outcome
+from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.images import compress_png
-from dem_bridge.report.page import KINDS, csv_texts, digits_of, number, sortable, typeset, write_study
+from dem_bridge.report.page import KINDS, csv_texts, digits_of, number, sortable, study_files, typeset, write_study
 from dem_bridge.report.study import Claim, Study
 from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
@@ -332,11 +332,31 @@ def _escaped(text: str) -> str:
     return escape(text).replace("&#x27;", "&#39;")
 
 
+def test_scenes_that_fail_stand_before_those_that_pass(pictures: Store, tmp_path: Path) -> None:
+    passed, broken = _verification(replace(PAIR, name="sound")), _verification(PAIR, broken=True)
+    both = verification_of((*passed.studies, *broken.studies), accuracy=1e-3, wall=1.0)
+    page = _written(both, tmp_path, pictures).read_text(encoding="utf-8")
+    assert re.findall(r'<div class="banner (\w+)">', page) == ["BROKEN", "PASS"]
+
+
 def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(pictures: Store, tmp_path: Path, whole: Path) -> None:
     assert "These verdicts do not pass" not in _text(whole)
     broken = fake_paper(_verification(PAIR, broken=True))
     first = _written(broken, tmp_path, pictures).read_text(encoding="utf-8").split('id="figures"')[0]
     assert re.search('<span class="outcome BROKEN">BROKEN</span> three: [^<]*ERROR: Lost atoms', first)
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_defect_is_described_once_and_more_than_three_failures_are_folded(count: int) -> None:
+    words = {"quantity": "e", "backend": "lammps-granular", "reference": "", "outcome": Outcome.FAIL}
+    why = "Known defect d: damping loses too little; see #1"
+    found = [Verdict(scene="", sentence=f"{why}: case {k}.", known_defect="d", **words) for k in range(count)]
+    page = str(study_files(Study(id="four", title="Impacts", answer=(), verdicts=tuple(found)))["index.html"])
+    [listed] = re.findall(r"<ul>(.*?)</ul>", page, re.DOTALL)
+    assert (listed.count("loses too little"), listed.count("<li>")) == (1, count)
+    assert f"Known defect d: case {count - 1}." in listed
+    folded = f'<details><summary class="outcome FAIL">{count} verdicts do not pass</summary>'
+    assert (folded in page, "These verdicts do not pass" in page) == (count > 3, count <= 3)
 
 
 def test_every_claim_has_its_anchor_its_words_and_its_values(whole: Path) -> None:

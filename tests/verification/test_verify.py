@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -429,3 +431,26 @@ def test_where_scipy_is_the_reference_another_method_stands_beside_it(monkeypatc
     verification = db.verify(scene, accuracy=ACCURACY, store=False)
     assert _outcome(verification.verdicts, "velocity", BLANES_MOAN, REFERENCE) is Outcome.FAIL
     assert verification.exit_code == 1
+
+
+#: what is imported until the runs of a scene are planned, and why a backend does not run is asked
+IMPORTED = """
+import sys
+import dem_bridge as db
+from dem_bridge.backends.base import backend, unsupported_reason
+from dem_bridge.verification import verify
+
+def planned(scenes, **settings):
+    reason = unsupported_reason(backend("bca"), scenes[0])
+    heavy = ("dem_bridge.judging.deck", "dem_bridge.formats.readers", "dem_bridge.backends.adiabatic")
+    print(reason.split("; ")[-1], [name for name in heavy if name in sys.modules])
+    sys.exit(77)
+
+verify.verify_scenes = planned
+db.verify("decelerating-40-on-base")
+"""
+
+
+def test_a_scene_is_verified_without_the_readers_of_files_and_backends_that_do_not_run() -> None:
+    done = subprocess.run([sys.executable, "-c", IMPORTED], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout) == (77, "use backend = 'scipy' []\n"), done.stderr
