@@ -182,7 +182,7 @@ rows[1].focus();
 told_.push(says.textContent, document.activeElement === rows[1]);
 """
     *said, focused, active = _told(page, tmp_path, script)
-    assert said[0] == "reference (estimate): wave 1.0×10−12"
+    assert said[0] == "reference (estimate): wave 1×10−12"
     assert "LAMMPS, time step: wave 1.1×10−6" in said
     assert (focused, active) == (said[1], True)
 
