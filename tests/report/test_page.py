@@ -348,7 +348,7 @@ def test_runs_that_do_not_pass_stand_on_page_one_of_a_paper(pictures: Store, tmp
 
 @pytest.mark.parametrize("count", [2, 4])
 def test_a_defect_is_described_once_and_more_than_three_failures_are_folded(count: int) -> None:
-    words = {"quantity": "e", "backend": "lammps-granular", "reference": "", "outcome": Outcome.FAIL}
+    words: dict[str, Any] = {"quantity": "e", "backend": "lammps-granular", "reference": "", "outcome": Outcome.FAIL}
     why = "Known defect d: damping loses too little; see #1"
     found = [Verdict(scene="", sentence=f"{why}: case {k}.", known_defect="d", **words) for k in range(count)]
     page = str(study_files(Study(id="four", title="Impacts", answer=(), verdicts=tuple(found)))["index.html"])
