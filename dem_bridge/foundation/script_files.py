@@ -17,6 +17,7 @@ _COMMAND = re.compile(
        |timestep|thermo|thermo_style|thermo_modify|neighbor|neigh_modify|comm_modify|newton|dimension|lattice|run|include
        |unfix|dump|compute|reset_timestep|hard_particles|communicate|atom_modify)[ \t]+\S
     |boundary[ \t]+[pfsm]{{1,2}}[ \t] |(?:fix|region|velocity|mass)[ \t]+\S+[ \t]+\S |group[ \t]+\S+[ \t]+[a-z]
+    |print[ \t]+["'$] |if[ \t]+["'] |(?:label|next|jump)[ \t]+\w+[ \t]*$
     |variable[ \t]+\w+[ \t]+(?:{_STYLES})\b |set[ \t]+(?:atom|type|group|region)\b |jump[ \t]+SELF )""",
     re.MULTILINE | re.VERBOSE,
 )

@@ -90,6 +90,8 @@ class UserDeck:
     """Force tables, in place of which the scene has the laws that they mean."""
     unread_table: str = ""
     """Why a force table is not compared with a law; '' where it is, or where there is none."""
+    files: frozenset[str] = frozenset()
+    """Names of other files that were read, or whose reading was tried: included ones, data, lists of values."""
 
     @property
     def dt(self) -> float | None:
@@ -142,9 +144,10 @@ def user_deck(
     except OSError as error:
         raise UsageError(f"{path}: the deck cannot be read ({error.strerror}); give a LAMMPS input script") from None
 
-    on_disk = files_of(path.parent)
+    on_disk, files = files_of(path.parent), set[str]()
 
     def opened(name: str) -> str:
+        files.add(name)
         return changed[name] if name in changed else on_disk(name)
 
     state = read_script(text, file=path.name, opened=opened, variables=variables)
@@ -155,6 +158,8 @@ def user_deck(
             commands.append(command)
     except BlockedScript:
         pass  # the loop does not end: LAMMPS will say so
+    lists = (words for style, words in script.variables.values() if style in ("file", "atomfile"))
+    files.update(word for words in lists for word in words)
     read, mirrored, problems = _scene_of(text, path.name, opened, scene, variables)
     overlooked: tuple[str, ...] = ()
     if problems and all("`neigh_modify " in problem for problem in problems):
@@ -185,6 +190,7 @@ def user_deck(
         mirrored=mirrored,
         problems=problems,
         overlooked=overlooked,
+        files=frozenset(files),
     )
 
 
@@ -294,8 +300,8 @@ def deck_run(
 
 
 def named_paths(deck: UserDeck) -> set[str]:
-    """Return the deck, and what its commands name in its folder or in a subfolder of it, relative to the folder."""
-    words = {word for command in deck.commands for word in (command.file, *command.rest)}
+    """Return the deck, and what it reads or names in its folder or in a subfolder of it, relative to the folder."""
+    words = deck.files | {word for command in deck.commands for word in (command.file, *command.rest)}
     names = {deck.path.name}
     for word in words:
         path = Path(word)

@@ -90,7 +90,7 @@ class Check(KeyedAnswer):
     corrected: Mapping[str, str] = field(default_factory=dict)
     """Texts of the files with the lines to write, by name; empty if there are none."""
     companions: Mapping[str, bytes] = field(default_factory=dict)
-    """Files that the script reads, by name; empty if there is nothing to write."""
+    """Files that the script consists of or reads, by name; empty if there is nothing to write."""
     pictures: Pictures | None = None
 
     @property

@@ -16,7 +16,7 @@ from dem_bridge.judging.check.answer import Check, Pictures
 from dem_bridge.judging.check.edits import Edit, applied
 from dem_bridge.judging.check.laboratory import Laboratory, Progress
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer, engine_of, law_by_steps, law_by_tables, law_of
-from dem_bridge.judging.check.plausible import plausibility_of
+from dem_bridge.judging.check.plausible import LARGEST_OVERLAP_AT_START, plausibility_of, start_overlap
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
 from dem_bridge.judging.check.subject import Subject, short_problem, subject_of, why_unread
 from dem_bridge.judging.deck import user_deck
@@ -30,7 +30,8 @@ from dem_bridge.scene.scene import Scene
 
 #: messages of LAMMPS on bodies that have left the box or have no place, or are closer than a table goes
 _MESSAGES_ON_LOST_BODIES = re.compile(
-    r"Lost atoms|Non-numeric|out of range atoms|no longer in the simulation box|table (inner|outer) cutoff",
+    r"Lost atoms|Non-numeric|out of range atoms|no longer in the simulation box|leaves the box"
+    r"|table (inner|outer) cutoff",
     re.IGNORECASE,
 )
 #: factors by which steps are shortened until LAMMPS loses no body, and the work (steps times bodies) of the last one
@@ -87,7 +88,7 @@ def check_file(
 def finding_of(lab: Laboratory, accuracy: float) -> Finding:
     """Return law and step of a script; BROKEN where LAMMPS fails for another reason than the step."""
     deck = lab.subject.deck
-    nothing = StepAnswer(dt=deck.dt, accuracy=accuracy, why="LAMMPS made no run")
+    nothing = StepAnswer(dt=deck.dt, accuracy=accuracy, why="the script has no run that can be read")
     if deck.state.run is None and lab.scene is None:
         law = LawAnswer(outcome=Outcome.UNDECIDED, sentence=f"{why_unread(lab.subject)}.")
         return Finding(law=law, step=nothing, version=_version(lab))
@@ -97,7 +98,7 @@ def finding_of(lab: Laboratory, accuracy: float) -> Finding:
     except RunBroken as error:
         lost = _finer_runs(lab, str(error))
         if lost.factor is None:
-            broken = replace(nothing, outcome=Outcome.BROKEN)
+            broken = replace(nothing, outcome=Outcome.BROKEN, why="LAMMPS did not end its run")
             return Finding(law=_broken(lab, str(error), lost.tried), step=broken, version=_version(lab))
         factor, run = lost.factor, lab.lammps(lost.factor)
     if lab.scene is None:
@@ -166,14 +167,28 @@ def _broken(lab: Laboratory, message: str, tried: int) -> LawAnswer:
     if tried and "cutoff" in message:
         hint = f"; steps {tried} times shorter do not help: the table does not begin at a small enough distance"
     elif tried:
-        box = lab.subject.deck.last("boundary")
-        hint = f"; with steps {tried} times shorter, too: a body leaves the box"
-        if box is not None and "f" in "".join(box.rest):
-            hint, cause = f"{hint} (`boundary m m m` lets the box follow)", "box"
+        hint, cause = _leaving(lab, tried)
     elif _MESSAGES_ON_LOST_BODIES.search(message):
         hint = "; a run with finer steps, which would show whether the step is the reason, cannot be made"
+    if lab.scene is None and lab.subject.deck.problems:
+        hint = f"{hint}; {why_unread(lab.subject)}"
     said = re.sub(r" For more information see \S+", "", message.removeprefix("LAMMPS: "))
-    return LawAnswer(outcome=Outcome.BROKEN, sentence=f"LAMMPS stopped: {said}{hint}.", cause=cause)
+    said = f"LAMMPS stopped: {said}" if message.startswith("LAMMPS") else said
+    return LawAnswer(outcome=Outcome.BROKEN, sentence=f"{said}{hint}.", cause=cause)
+
+
+def _leaving(lab: Laboratory, tried: int) -> tuple[str, str]:
+    """Return why a body leaves the box at any step, and the cause "box" if another boundary may mend it."""
+    deck = lab.subject.deck
+    hint = f"; with steps {tried} times shorter, too: "
+    if (start := start_overlap(deck)) is not None and start.part > LARGEST_OVERLAP_AT_START:
+        return f"{hint}{start.sentence}, which drives them apart", ""
+    if deck.last("minimize") is not None:
+        return f"{hint}a body leaves the box after `minimize`", ""
+    box = deck.last("boundary")
+    if box is not None and "f" in "".join(box.rest):
+        return f"{hint}a body leaves the box (`boundary m m m` lets the box follow)", "box"
+    return f"{hint}a body leaves the box", ""
 
 
 def _version(lab: Laboratory) -> int:

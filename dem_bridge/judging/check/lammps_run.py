@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.formats.readers.column_meaning import Choices
 from dem_bridge.formats.readers.dumps import read_dump
 from dem_bridge.formats.readers.frames_to_record import draft_of_frames
@@ -168,6 +170,41 @@ class Samples:
     """True if the velocities are those of the bodies of a scene, and are numbers."""
 
 
+def change_of_atoms(text: str) -> str:
+    """Return which atom of a dump is the first to leave or to appear, when, and through which face; '' if none is."""
+    before: dict[int, list[float]] = {}
+    then = 0.0
+    for frame in text.split("ITEM: TIME\n")[1:]:
+        lines = frame.splitlines()
+        sections = {line.partition(":")[2].strip(): place for place, line in enumerate(lines) if line[:5] == "ITEM:"}
+        now = float(lines[0])
+        heads = {name.partition(" ")[0]: place for name, place in sections.items()}
+        box = [tuple(map(float, line.split()[:2])) for line in lines[heads["BOX"] + 1 : heads["BOX"] + 4]]
+        rows = (line.split() for line in lines[heads["ATOMS"] + 1 :])
+        atoms = {int(row[0]): [float(word) for word in row[2:8]] for row in rows}
+        if before and atoms.keys() != before.keys():
+            if gone := sorted(before.keys() - atoms.keys()):
+                return _departure(gone[0], before[gone[0]], box, then, now)
+            return f"atom {min(atoms.keys() - before.keys())} appears between the times {then:g} and {now:g}"
+        before, then = atoms, now
+    return ""
+
+
+def _departure(atom: int, state: Sequence[float], box: Sequence[Sequence[float]], then: float, now: float) -> str:
+    """Return how an atom left between two times: through the face of the box that its motion leads to, if there is one.
+
+    ``state``: place and velocity at the first of these times.
+    """
+    when = f"between the times {then:g} and {now:g}"
+    for axis, (low, high) in enumerate(box):
+        end = state[axis] + state[3 + axis] * (now - then)
+        if not low <= end <= high:
+            face, at = ("lo", low) if end < low else ("hi", high)
+            face = f"{'xyz'[axis]}{face} = {at:g}"
+            return f"atom {atom} leaves the box through its face {face} {when}, and the run goes on without it"
+    return f"atom {atom} is removed {when}"
+
+
 def samples_of(text: str, scene: Scene | None, *, dt: float | None, unit: float) -> Samples:
     """Return what the added dump holds; it is parsed once, whether there is a scene or not.
 
@@ -184,10 +221,13 @@ def samples_of(text: str, scene: Scene | None, *, dt: float | None, unit: float)
 
     Raises
     ------
-    UsageError
+    RunBroken
         If the atoms change during the run.
     """
-    frames = read_dump([text])
+    try:
+        frames = read_dump([text])
+    except UsageError as error:
+        raise RunBroken(change_of_atoms(text) or str(error)) from None
     assert frames.time is not None  # the added dump has times
     velocity = frames.columns["velocity"]
     if scene is not None and np.all(np.isfinite(velocity)):

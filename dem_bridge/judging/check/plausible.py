@@ -17,6 +17,10 @@ from dem_bridge.scene.timescales import contact_time_of
 
 #: largest overlap, relative to the radius of the smaller body, at which Hertz's law is a good one
 LARGEST_OVERLAP_OF_RADIUS = 0.03
+#: overlap at the start, relative to the radius, above which places or radii are wrong
+LARGEST_OVERLAP_AT_START = 0.1
+#: nearest bodies of each one among which the largest overlap at the start is looked for
+_NEIGHBOURS_AT_START = 12
 #: largest step, relative to the shortest contact time, by the rule of thumb of DEM codes
 LARGEST_STEP_OF_CONTACT_TIME = 0.05
 #: densities of solids, kg/m^3: aerogels to osmium; Young's moduli, Pa: gels to diamond
@@ -56,6 +60,9 @@ def plausibility_of(lab: Laboratory, text: str) -> tuple[Plausibility, ...]:
     deck, scene = lab.subject.deck, lab.scene
     physical = not lab.subject.of_scene and _SURROGATE not in text
     entries = list(_of_material(deck)) if physical else []
+    if scene is None and (start := start_overlap(deck)) is not None and start.part > LARGEST_OVERLAP_OF_RADIUS:
+        text = f"{start.sentence} (are places and diameters right?)"
+        entries.append(Plausibility(name="start", value=start.part, usual="0", look=True, sentence=text))
     if scene is not None:
         entries = [
             *_of_contacts(lab, scene, physical),
@@ -65,6 +72,44 @@ def plausibility_of(lab: Laboratory, text: str) -> tuple[Plausibility, ...]:
         ]
         entries += _of_mixing(deck)
     return tuple(sorted(entries, key=lambda entry: not entry.look))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartOverlap:
+    """The largest overlap of two bodies at the start."""
+
+    part: float
+    """Overlap relative to the radius of the smaller body."""
+    atoms: tuple[int, int]
+
+    @property
+    def sentence(self) -> str:
+        """The overlap in words."""
+        first, second = self.atoms
+        return f"atoms {first} and {second} begin with an overlap of {100.0 * self.part:.3g} % of the smaller radius"
+
+
+def start_overlap(deck: UserDeck) -> StartOverlap | None:
+    """Return the largest overlap of two bodies at the start, also off a line; None if there is none or no body is read.
+
+    Images of bodies in a periodic box are not looked at.
+    """
+    from scipy.spatial import KDTree  # takes a while to import, and few scripts need it
+
+    atoms = list(deck.state.particles.atoms.values())
+    if len(atoms) < 2:
+        return None
+    radii = np.array([atom.radius for atom in atoms])
+    tree = KDTree(np.array([atom.place for atom in atoms]))
+    apart, places = tree.query(tree.data, k=min(len(atoms), _NEIGHBOURS_AT_START))
+    part = (radii[:, None] + radii[places] - apart) / np.minimum(radii[:, None], radii[places])
+    part[places == np.arange(len(atoms))[:, None]] = -np.inf
+    part = np.round(part, 9)  # of equal ones the first counts
+    first, column = np.unravel_index(np.argmax(part), part.shape)
+    if not part[first, column] > 0.0:
+        return None
+    pair = sorted((atoms[first].number, atoms[places[first, column]].number))
+    return StartOverlap(part=float(part[first, column]), atoms=(pair[0], pair[1]))
 
 
 def _of_contacts(lab: Laboratory, scene: Scene, physical: bool) -> Iterator[Plausibility]:
@@ -183,13 +228,17 @@ def _of_mixing(deck: UserDeck) -> Iterator[Plausibility]:
         return
     for text in deck.read.mixed:
         words = text.split()
+        pair = f"types {words[1]} and {words[2]} have no pair_coeff"
         if words[3] not in ("hertz", "hooke"):
-            continue
+            modulus, unit = float(words[4]), "Pa" if deck.state.units == "si" else f"in units {deck.state.units}"
+            said = f"{pair}: LAMMPS mixes E = {number(modulus)} {unit} from both, as Hertz's law does"
+            yield Plausibility(name="mixing", value=modulus, usual="a line for the pair", look=False, sentence=said)
+            return
         first, second = (_own_stiffness(deck, word) for word in words[1:3])
         mixed = float(words[4])
         series = 2.0 * first * second / (first + second) if first and second else math.nan
         if abs(mixed / series - 1.0) > LARGEST_DIFFERENCE_OF_MIXING:
-            said = f"types {words[1]} and {words[2]} have no pair_coeff: LAMMPS takes K = {number(mixed)}"
+            said = f"{pair}: LAMMPS takes K = {number(mixed)}"
             said += f", the geometric mean; two springs in series have {number(series)}"
             yield Plausibility(name="mixing", value=mixed, usual=number(series), look=True, sentence=said)
             return

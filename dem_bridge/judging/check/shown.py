@@ -67,7 +67,7 @@ class CheckStudy(Study):
 
 def check_study(check: Check) -> Study:
     """Return the page of a check as data."""
-    corrected = {f"corrected/{name}": text for name, text in check.corrected.items()}
+    corrected: dict[str, str | bytes] = {**check.companions, **check.corrected}
     return CheckStudy(
         id="check",
         title=check.title,
@@ -81,10 +81,14 @@ def check_study(check: Check) -> Study:
             "lammps": check.engine_answer.version,
             "versions": versions_of("dem-bridge", "numpy", "scipy", "numba"),
         },
-        files={name: partial(str, text) for name, text in corrected.items()}
-        | {f"corrected/{name}": partial(bytes, body) for name, body in check.companions.items()},
+        files={f"corrected/{name}": partial(_unchanged, body) for name, body in corrected.items()},
         check=check,
     )
+
+
+def _unchanged(body: str | bytes) -> str | bytes:
+    """Return the content of a file as it is."""
+    return body
 
 
 def rows_of(check: Check) -> Iterator[Row]:

@@ -64,9 +64,9 @@ class Subject:
         return _TIME_UNITS.get(units.rest[0] if units is not None and units.rest else "lj", "s")
 
     def companions(self) -> dict[str, bytes]:
-        """Return the other files that the script reads in its folder, such as a data file, by name."""
+        """Return the files of its folder that the script consists of or reads, such as a data file, by name."""
         words = {word for command in self.deck.commands if command.name in _COMMANDS_THAT_READ for word in command.rest}
-        names = sorted((named_paths(self.deck) & words) - {*self.texts()})
+        names = sorted(named_paths(self.deck) & (words | self.deck.files | {*self.texts()}))
         paths = {name: self.path.parent / name for name in names}
         fit = (name for name, path in paths.items() if path.is_file() and path.stat().st_size <= MOST_BYTES)
         return {name: paths[name].read_bytes() for name in fit}

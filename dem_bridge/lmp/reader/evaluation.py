@@ -207,23 +207,28 @@ class ReadScript:
             raise command.error("is not supported", "run N [upto] [pre yes|no] [post yes|no]")
         if self.step is None:
             self.step = _DEFAULT_STEP[self.units]
-        if steps:
-            if self._changed is not None:
-                raise self._changed.error(
-                    f"comes between runs in lines {self.run.line if self.run else 0} and {command.line}, but a scene"
-                    " has one start",
-                    "fix, timestep, reset_timestep and commands without effect on the motion between runs",
-                    "to start from the state after a run, write it by write_data and read that file",
-                )
-            acting = self.fixes.forces()
-            if self.run is not None and acting != self.acting:
-                problem = f"has other forces than the run in line {self.run.line}"
-                raise command.error(problem, "the same fixes, with the same numbers, in all runs")
-            self.run, self.acting = self.run or command, acting
-            self.time_steps += [] if self.step in self.time_steps else [self.step]
         self.steps += steps
         self.counter += steps
         self.duration += steps * self.step
+        if steps:
+            self.time_steps += [] if self.step in self.time_steps else [self.step]
+            self._run_forces(command)
+
+    def _run_forces(self, command: Command) -> None:
+        """Evaluate the forces of a run, whose steps count also if its forces cannot be read."""
+        before, self.run = self.run, self.run or command
+        if self._changed is not None:
+            raise self._changed.error(
+                f"comes between runs in lines {before.line if before else 0} and {command.line}, but a scene has one"
+                " start",
+                "fix, timestep, reset_timestep and commands without effect on the motion between runs",
+                "to start from the state after a run, write it by write_data and read that file",
+            )
+        acting = self.fixes.forces()
+        if self.acting is not None and before is not None and acting != self.acting:
+            problem = f"has other forces than the run in line {before.line}"
+            raise command.error(problem, "the same fixes, with the same numbers, in all runs")
+        self.acting = acting
 
 
 def _without_suffix(command: Command) -> Command:

@@ -36,3 +36,38 @@ def test_times_are_told_in_the_units_of_the_script(tmp_path: Path, units: str, u
     (tmp_path / "in.chain").write_text(script(units=f"units {units}"))
     with subject_of(tmp_path / "in.chain") as subject:
         assert subject.time_unit == unit
+
+
+#: files that hold no command which LAMMPS executes on the motion: variables, an include, words to print
+_PARTS = {
+    "numbers.inc": "variable modulus equal 2e11\nvariable many file list.txt\n",
+    "list.txt": "7\n8\n",
+    "more.inc": "include said.inc\n",
+    "said.inc": "# only this\nprint 'a chain'\n",
+    "parts/step.inc": "timestep 2e-6\n",
+}
+
+
+def in_parts(folder: Path) -> Path:
+    """Write a coarse script whose variables, words and step are in included files."""
+    included = "include numbers.inc\ninclude more.inc"
+    text = script(step="include parts/step.inc", more=included, run="variable n equal 150\nrun ${n}")
+    for name, body in {**_PARTS, "in.chain": text.replace("hertz/material 2e+11", "hertz/material 2e11")}.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(body)
+    return folder / "in.chain"
+
+
+def test_files_that_hold_only_variables_or_includes_are_beside_the_run(tmp_path: Path) -> None:
+    answer = db.check(in_parts(tmp_path))
+    assert (answer.outcome, answer.law["outcome"]) == ("FAIL", "PASS"), answer
+
+
+def test_the_corrected_script_has_the_files_without_a_changed_line(tmp_path: Path) -> None:
+    answer = db.check(in_parts(tmp_path))
+    answer.save(tmp_path / "page")
+    corrected = tmp_path / "page" / "corrected"
+    files = {path.relative_to(corrected).as_posix() for path in corrected.rglob("*") if path.is_file()}
+    assert files == {"in.chain", *_PARTS}
+    assert (corrected / "parts/step.inc").read_text() != _PARTS["parts/step.inc"]
+    assert db.check(corrected / "in.chain").outcome == "PASS"

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import RunBroken
 from dem_bridge.formats.readers.dumps import Frames, read_dump
 from dem_bridge.judging.check import lammps_run
-from dem_bridge.judging.check.lammps_run import samples_of
+from dem_bridge.judging.check.lammps_run import change_of_atoms, samples_of
 from dem_bridge.scene.scene import Scene
 
 PAIR = Scene(name="pair", duration=2e-6, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
@@ -20,9 +20,9 @@ def dump(*frames: str) -> str:
     """Return the dump of frames, each with its rows of atoms: id type x y z vx vy vz."""
     parts = []
     for step, rows in enumerate(frames):
-        count = len(rows.splitlines())
+        count, units = len(rows.splitlines()), "" if step else "ITEM: UNITS\nsi\n"
         parts.append(
-            f"ITEM: UNITS\nsi\nITEM: TIME\n{step * 1e-6:.17g}\nITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{count}\n"
+            f"{units}ITEM: TIME\n{step * 1e-6:.17g}\nITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{count}\n"
             "ITEM: BOX BOUNDS mm mm mm\n0 1\n0 1\n0 1\nITEM: ATOMS id type x y z vx vy vz\n" + rows + "\n"
         )
     return "".join(parts)
@@ -51,8 +51,16 @@ def test_velocities_that_are_no_numbers_are_kept_and_no_record_of_the_scene_is_m
 
 @pytest.mark.parametrize("scene", [None, PAIR])
 def test_a_number_of_atoms_that_changes_is_a_message(scene: Scene | None) -> None:
-    with pytest.raises(UsageError, match=r"has 1 atoms, the first frame has 2: atom 2 is missing; allowed: the same"):
+    with pytest.raises(RunBroken, match=r"atom 2 is removed between the times 0 and 1e-06$"):
         samples_of(dump(FIRST, SECOND.splitlines()[0]), scene, dt=1e-6, unit=1.0)
+
+
+def test_an_atom_that_leaves_or_appears_is_named_with_face_and_time() -> None:
+    fast = FIRST.replace("2 1 0.5 0 0 0 0 0", "2 1 0.5 0 0 0 -1e6 0")
+    left = "atom 2 leaves the box through its face ylo = 0 between the times 0 and 1e-06, and the run goes on without"
+    assert change_of_atoms(dump(fast, SECOND.splitlines()[0])).startswith(left)
+    assert change_of_atoms(dump(FIRST.splitlines()[1], FIRST)) == "atom 2 appears between the times 0 and 1e-06"
+    assert change_of_atoms(dump(FIRST, SECOND)) == ""
 
 
 def test_a_dump_is_parsed_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -80,3 +80,21 @@ def test_what_is_unlikely_is_said_with_its_number(
 def test_a_deck_of_this_program_has_a_radius_that_says_nothing(tmp_path: Path) -> None:
     text = f"# surrogate radius R = 1e-5 m\n{script(**SOFT)}"
     assert "overlap" not in entries(tmp_path, text)
+
+
+def test_a_mixed_modulus_is_told_and_is_nothing_to_look_at(tmp_path: Path) -> None:
+    pairs = f"pair_coeff 1 1 hertz/material 7e10 0 0.25 {UNDAMPED}\npair_coeff 2 2 hertz/material 2e11 0 0.3 {UNDAMPED}"
+    mixing = entries(tmp_path, script(sizes=KINDS, coefficients=pairs))["mixing"]
+    assert not mixing.look
+    # 2 (1 - nu_1^2) / ((1 - nu_1^2) / E_1 + (1 - nu_2^2) / E_2)
+    assert mixing.value == pytest.approx(2 * 0.9375 / (0.9375 / 7e10 + 0.91 / 2e11))
+
+
+def test_overlaps_of_a_script_that_is_no_chain_are_named_with_their_number(tmp_path: Path) -> None:
+    halved = "\n".join(f"create_atoms 1 single {RADIUS * k:.15g} 0 0 units box" for k in range(4))
+    start = entries(tmp_path, script(atoms=halved))["start"]
+    assert start.look
+    assert start.value == pytest.approx(1.0)
+    assert start.sentence.startswith("atoms 1 and 2 begin with an overlap of 100 % of the smaller radius")
+    apart = "\n".join(f"create_atoms 1 single {2.1 * RADIUS * k:.15g} {RADIUS * k:.15g} 0 units box" for k in range(4))
+    assert "start" not in entries(tmp_path, script(atoms=apart))
