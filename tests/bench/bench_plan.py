@@ -1,9 +1,10 @@
 """Compare plans with the cheapest settings of a grid, on random scenes at three accuracies, with LAMMPS and without.
 
-``make bench`` runs this. For each plan the run is made: its error is that against the reference, its CPU is set beside
-the cheapest setting that a grid finds: every in-house code, fixed steps a factor 1.3 apart, the three coarsest that
-serve, scipy with its rtol by decades. LAMMPS is set beside LAMMPS at the coarsest step that
-serves. CPU is the least of three to fifteen runs, those of plan and grid in turn.
+``make bench`` runs this on 20 scenes, ``python -m tests.bench.bench_plan 0 60`` on 60. For each plan the run is made:
+its error is that against the reference, its CPU is set beside the cheapest setting that a grid finds: every in-house
+code, fixed steps a factor 1.3 apart, the three coarsest that serve, scipy with its rtol by decades. LAMMPS is set
+beside LAMMPS at the coarsest step that serves. CPU is the least of three to fifteen runs, those of plan and grid in
+turn.
 
 A setting is an answer only if finer ones serve, too: at 40 settings, from that of the free choice down to a quarter of
 it, all errors must be within the accuracy.
@@ -34,7 +35,8 @@ from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.finer_settings import largest_error
 from tests.helpers.random_plans import planned_scene
 
-COUNT = 60
+#: random scenes of ``make bench``; a second argument on the command line asks for more
+COUNT = 20
 ACCURACIES = (1e-2, 1e-4, 1e-6)
 FACTOR = 1.3
 #: fixed steps of the grid, at most: what takes more is not the cheapest
