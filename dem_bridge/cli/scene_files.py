@@ -57,8 +57,8 @@ _FOR_EDITORS = "(The line above is for editors; the file that it names is writte
 
 def template(form: str, name: str) -> str:
     """Return the scene file of a form (a key of FORMS) with the scene's name ``name``."""
+    from dem_bridge.scene.file.editor_schema import SCHEMA_FILE
     from dem_bridge.scene.file.forms import Environment
-    from dem_bridge.scene.file.schema import SCHEMA_FILE
 
     text = (
         resources.files("dem_bridge").joinpath("scene", "file", "templates", f"{form}.toml").read_text(encoding="utf-8")
@@ -105,7 +105,7 @@ def schema(force: bool, output: Path | None = None) -> None:
 
     Editors use it to complete keys, to explain them and to mark mistakes while a scene file is written.
     """
-    from dem_bridge.scene.file.schema import scene_schema
+    from dem_bridge.scene.file.editor_schema import scene_schema
 
     text = json_text(scene_schema())
     if output is None:

@@ -13,7 +13,7 @@ from dem_bridge.judging.chain_hypotheses import equal_radii, uniform_name
 from dem_bridge.judging.fitting import Fit, Stepping
 from dem_bridge.judging.hypotheses import Hypothesis
 from dem_bridge.judging.search import Search
-from dem_bridge.observables.step_error import StepError
+from dem_bridge.observables.largest_step import StepError
 from dem_bridge.trajectory.trajectory import Floats
 
 #: all causes that a diagnosis can name

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 from dem_bridge.judging.diagnosis import Diagnosis, Fault
 from dem_bridge.judging.order import Convergence
 from dem_bridge.judging.reference import UNITS, FileErrors, QuantityErrors
-from dem_bridge.observables.step_error import ACCURACIES, StepError, accuracy_key
+from dem_bridge.observables.largest_step import ACCURACIES, StepError, accuracy_key
 from dem_bridge.observables.verdict import Outcome, exit_code, judge, plain
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats

@@ -19,7 +19,7 @@ from dem_bridge.judging.model import MotionTooLong
 from dem_bridge.judging.order import Convergence, convergence
 from dem_bridge.judging.reference import FileErrors, QuantityErrors, file_errors
 from dem_bridge.judging.step import errors_by_step, observed_curve, step_curve
-from dem_bridge.observables.step_error import ACCURACIES
+from dem_bridge.observables.largest_step import ACCURACIES
 from dem_bridge.scene.scene import Scene
 
 #: multiple of the scene's duration beyond which a scene that stays together (walls, load, drive) is not continued

@@ -12,7 +12,7 @@ from dem_bridge.foundation.wording import share
 from dem_bridge.judging.diagnosis import RIGHT
 from dem_bridge.judging.judgement import EXPLAINED, Judgement
 from dem_bridge.judging.reference import FileErrors, QuantityErrors
-from dem_bridge.observables.step_error import ACCURACIES, accuracy_key, with_sources
+from dem_bridge.observables.largest_step import ACCURACIES, accuracy_key, with_sources
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.report.texts import Texts
 

@@ -20,8 +20,8 @@ from dem_bridge.judging.diagnosis import Diagnosis
 from dem_bridge.judging.fitting import MOST_STEPS_OF_METHOD, TOLERANCE_OF_DECISION, Fit, Stepping
 from dem_bridge.judging.model import Model, Motion, resolving_step
 from dem_bridge.judging.reference import FileErrors
+from dem_bridge.observables.largest_step import ACCURACIES, StepError, measure_steps
 from dem_bridge.observables.modes import highest_mode
-from dem_bridge.observables.step_error import ACCURACIES, StepError, measure_steps
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 

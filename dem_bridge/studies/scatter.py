@@ -36,7 +36,7 @@ from dem_bridge.scene.geometry import Geometry
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.recalled import recall_study
 from dem_bridge.trajectory.trajectory import Floats
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 
 TEXTS = Texts("scatter", "dem_bridge.studies")
 SCATTER_COLUMNS = (

@@ -16,13 +16,13 @@ from dem_bridge.backends.catalogue import BACKENDS
 from dem_bridge.backends.steps import order_on
 from dem_bridge.foundation.wording import share
 from dem_bridge.lmp.known_defects import known_defects
-from dem_bridge.observables.step_error import ACCURACIES, LargestStep, StepError, with_sources
+from dem_bridge.observables.largest_step import ACCURACIES, LargestStep, StepError, with_sources
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.texts import Texts
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.checks import INDEPENDENT
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 
 TEXTS = Texts("banner", "dem_bridge.verification")
 #: outcomes of checks that can pass or fail, the worst first

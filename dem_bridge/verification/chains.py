@@ -15,7 +15,7 @@ from dem_bridge.report.study import Panel, Series
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.reference import REFERENCE, SCIPY
+from dem_bridge.verification.reference_choice import REFERENCE, SCIPY
 from dem_bridge.verification.roles import THEORY
 
 #: most bodies or contacts that are drawn as lines

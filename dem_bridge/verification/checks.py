@@ -29,7 +29,7 @@ from dem_bridge.observables.verdict import Outcome, Verdict, judge, judge_relati
 from dem_bridge.runs.campaign import Result
 from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
-from dem_bridge.verification.reference import REFERENCE, SCIPY, SCIPY_UNCERTAINTY
+from dem_bridge.verification.reference_choice import REFERENCE, SCIPY, SCIPY_UNCERTAINTY
 from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN, Roles
 from dem_bridge.verification.tolerances import (
     ORDER_TOLERANCE,

@@ -21,7 +21,7 @@ from dem_bridge.scene.features import DMT, DRAG, GAPS, NOT_CLIPPED, OTHER_EXPONE
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 
 TEXTS = Texts("closed-form", "dem_bridge.verification")
 CLOSED_FORM_COLUMNS = (

@@ -23,7 +23,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.chains import body_noun
 from dem_bridge.verification.figures import spacetime_panel
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import TWIN
 
 #: the shipped scene that is solved, and the time step of LAMMPS, s

@@ -30,7 +30,7 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.chains import MOST_LINES_DRAWN, body_noun, time_after_front
 from dem_bridge.verification.closed_form import closed_form
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import THEORY, TWIN
 
 #: in place of a scene, for observables that are read off a run alone

@@ -29,7 +29,7 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.banner import banner_of
 from dem_bridge.verification.chains import chains_of, error_scale
 from dem_bridge.verification.independence import ANSWERS_THROUGH, Shared, matrix
-from dem_bridge.verification.reference import BLANES_MOAN, REFERENCE, SCIPY
+from dem_bridge.verification.reference_choice import BLANES_MOAN, REFERENCE, SCIPY
 from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN
 from dem_bridge.verification.verification import Verification
 

@@ -29,7 +29,7 @@ from dem_bridge.lmp.pair_coefficients import GRANULAR_STYLE
 from dem_bridge.observables.differences import Readings
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
-from dem_bridge.verification.reference import REFERENCE, SCIPY, choose_references, second_settings
+from dem_bridge.verification.reference_choice import REFERENCE, SCIPY, choose_references, second_settings
 
 GRANULAR, TABLE = "lammps-granular", "lammps-table"
 TWIN, THEORY = "verlet", "bca"
@@ -50,7 +50,7 @@ class Roles:
     engine: str
     """The LAMMPS backend that is verified: ``pair_style granular`` where it has the laws, otherwise ``table``."""
     solver: str
-    """As :class:`~dem_bridge.verification.reference.References` has it."""
+    """As :class:`~dem_bridge.verification.reference_choice.References` has it."""
     second_reference: str | None
     """As the second of these."""
 

@@ -21,7 +21,7 @@ from dem_bridge.runs.store import Store
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.closed_form import closed_form_table
-from dem_bridge.verification.reference import REFERENCE, SCIPY
+from dem_bridge.verification.reference_choice import REFERENCE, SCIPY
 from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN
 from dem_bridge.version import __version__
 

@@ -28,7 +28,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene, named_failures
 from dem_bridge.verification.budget import Budget
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import Roles, Runs, assign_roles, list_cases
 from dem_bridge.verification.verification import TEXTS, Verification, verification_of
 

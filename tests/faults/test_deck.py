@@ -13,7 +13,7 @@ import pytest
 
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import POSITIONAL, TWIN
 from tests.helpers.fault_decks import Change, both, run_with, substituted, times
 from tests.helpers.fault_judging import (

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.verification.reference import BLANES_MOAN, REFERENCE
+from dem_bridge.verification.reference_choice import BLANES_MOAN, REFERENCE
 from tests.faults.test_own_codes import Changes, _faulty, _with_twin
 from tests.helpers.driven_chains import SINE, TOUCHING, driven
 from tests.helpers.fault_decks import Change, run_with, substituted, times

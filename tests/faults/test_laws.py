@@ -9,7 +9,7 @@ import pytest
 from dem_bridge.lmp.deck import Deck
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from tests.helpers.fault_decks import Change, run_with, substituted, times
 from tests.helpers.fault_judging import ENERGY, IMPLEMENTATION, Bench, minus, replaced
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import pytest
 
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import POSITIONAL
 from tests.helpers.fault_judging import BENCH, ENERGY, IMPLEMENTATION, MOMENTUM, ORDER, USER, Fault, minus
 from tests.helpers.fault_stand_in import Code, Net, State, runs_of

@@ -18,7 +18,7 @@ from dem_bridge.runs.campaign import run_case
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification.reference import REFERENCE, SCIPY
+from dem_bridge.verification.reference_choice import REFERENCE, SCIPY
 from dem_bridge.verification.roles import TWIN
 from tests.helpers.fault_judging import (
     BENCH,

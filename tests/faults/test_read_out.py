@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from dem_bridge.backends import lammps, steps
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import POSITIONAL, TWIN
 from tests.helpers.fault_decks import Change, both, run_with, substituted
 from tests.helpers.fault_judging import BENCH, ENERGY, IMPLEMENTATION, USER, Fault, minus, replaced

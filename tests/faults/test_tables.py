@@ -14,7 +14,7 @@ from dem_bridge.observables.verdict import Outcome
 from dem_bridge.physics.contact_law import ContactLaw, power_law
 from dem_bridge.runs.campaign import run_case
 from dem_bridge.scene.scene import Wall
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import POSITIONAL, TABLE
 from tests.helpers.fault_decks import Change, run_with, substituted
 from tests.helpers.fault_judging import ENERGY, FREE, IMPLEMENTATION, ORDER, USER, Bench, Fault, minus, replaced

@@ -14,7 +14,7 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import assess_scene
-from dem_bridge.verification.reference import REFERENCE, SCIPY
+from dem_bridge.verification.reference_choice import REFERENCE, SCIPY
 from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN, Runs, assign_roles
 from dem_bridge.verification.verify import plan_scene
 

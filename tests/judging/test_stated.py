@@ -13,7 +13,7 @@ import dem_bridge as db
 from dem_bridge.formats.readers import read_record
 from dem_bridge.judging.records import judge_records
 from dem_bridge.judging.stated import statements, variant_of
-from dem_bridge.observables.step_error import StepError
+from dem_bridge.observables.largest_step import StepError
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from dem_bridge.trajectory.trajectory import Floats
 from tests.helpers.judged_records import CHAIN, force, record

@@ -23,7 +23,7 @@ from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import assign_roles
 from dem_bridge.verification.verification import verification_of
 from tests.helpers.browser import BROWSER, REQUIRED, asked, needs_axe, violations

@@ -18,7 +18,7 @@ from dem_bridge.scene.scene import Damping
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN, Runs, assign_roles
 from tests.helpers.export_chains import PAIR
 from tests.helpers.fake_runs import NO_COST, NO_ERROR, free_flight

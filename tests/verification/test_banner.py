@@ -16,7 +16,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.banner import banner_of, largest_step, reasons_not_run
 from dem_bridge.verification.budget import Budget
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import TWIN, assign_roles
 from tests.helpers.fake_runs import free_flight
 

@@ -13,7 +13,7 @@ from dem_bridge.observables.verdict import Outcome, judge
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import UNKNOWN, Trajectory
 from dem_bridge.verification import checks
-from dem_bridge.verification.reference import SCIPY_UNCERTAINTY
+from dem_bridge.verification.reference_choice import SCIPY_UNCERTAINTY
 from dem_bridge.verification.regression import compare
 from dem_bridge.verification.roles import assign_roles
 from dem_bridge.verification.tolerances import TABLE_FACTOR

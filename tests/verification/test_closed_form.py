@@ -18,7 +18,7 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.chains import error_scale
 from dem_bridge.verification.closed_form import closed_form, closed_form_table
 from dem_bridge.verification.figures import motion_panels
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import assign_roles
 from tests.helpers.legibility import assert_legible
 

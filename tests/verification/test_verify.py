@@ -28,7 +28,7 @@ from dem_bridge.scene.support import Support
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import assess_scene
-from dem_bridge.verification.reference import BLANES_MOAN, REFERENCE, SCIPY
+from dem_bridge.verification.reference_choice import BLANES_MOAN, REFERENCE, SCIPY
 from dem_bridge.verification.roles import TABLE, THEORY, TWIN, Runs, assign_roles
 from dem_bridge.verification.verify import plan_scene, verify_scenes
 from tests.helpers.fake_runs import free_flight

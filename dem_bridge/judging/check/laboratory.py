@@ -29,7 +29,7 @@ from dem_bridge.judging.reference import ReferenceSamples, reference_at
 from dem_bridge.judging.step import predict_step_error, stability_limit
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import probe
-from dem_bridge.observables.step_error import StepError
+from dem_bridge.observables.largest_step import StepError
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.planning.predict import Outlook
 from dem_bridge.scene.scene import Scene

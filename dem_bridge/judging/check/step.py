@@ -13,7 +13,7 @@ from dem_bridge.foundation.wording import number, share
 from dem_bridge.judging.check.edits import tidy_factor
 from dem_bridge.judging.check.laboratory import Laboratory
 from dem_bridge.judging.model import MotionTooLong
-from dem_bridge.observables.step_error import LargestStep, StepError, with_sources
+from dem_bridge.observables.largest_step import LargestStep, StepError, with_sources
 from dem_bridge.observables.verdict import Outcome, judge
 
 #: part of the accuracy that a step by LAMMPS alone aims at; steps finer than one to write by these factors must serve,

@@ -36,7 +36,7 @@ from dem_bridge.studies.horizon.verdicts import TEXTS, answer, figures, tables, 
 from dem_bridge.studies.recalled import recall_study
 from dem_bridge.trajectory.dense import MOST_STEPS, Schedule
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import TWIN, assign_roles
 
 #: relative perturbation of every input, and of one in its last digit

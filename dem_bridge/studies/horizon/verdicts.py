@@ -19,7 +19,7 @@ from dem_bridge.report.texts import Texts, verdict_table
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.horizon.runs import KNOWN, Found, LongRun, Trust, horizon_of
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import TWIN
 
 TEXTS = Texts("horizon", "dem_bridge.studies")

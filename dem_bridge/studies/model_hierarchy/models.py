@@ -27,7 +27,7 @@ from dem_bridge.studies.model_hierarchy import passage
 from dem_bridge.studies.model_hierarchy.model_terms import DASHPOT, ModelTerm, model, model_terms_of, named, needs
 from dem_bridge.studies.model_hierarchy.passage import JUDGED, Effects, Readings, effects, last_counted
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import TWIN
 
 #: of the arrival at the end of the fullest model: another may be so much later

@@ -23,7 +23,7 @@ from dem_bridge.report.texts import fill
 from dem_bridge.studies.paper import CLAIMS
 from dem_bridge.studies.paper.measures import Measure, inside, measured
 from dem_bridge.studies.paper.runs import Runs
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 
 #: backends whose values decide the outcome, as far as they have run
 DECIDE = (REFERENCE, "lammps")

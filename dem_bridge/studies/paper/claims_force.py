@@ -32,7 +32,7 @@ from dem_bridge.studies.paper.claims_wave import SPEED_RATIO
 from dem_bridge.studies.paper.measures import THEORIES, Measure
 from dem_bridge.studies.paper.runs import ACCELERATING, COARSE, DECELERATING, GRADIENTS, JUDGES, LONG, Runs
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import assign_roles
 
 #: relative deviation of an exponent up to which the agreement is remarkable

@@ -24,7 +24,7 @@ from dem_bridge.studies.paper.runs import DECELERATING, MAIN, Runs
 from dem_bridge.studies.paper.runs import WEIGHED as WEIGHED_RUNS
 from dem_bridge.studies.paper.validity import JUDGED, LEAST, contact_validity
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 
 #: accuracy at which the study asks what may be left out of the paper's chains
 NEGLIGIBLE = 0.01

@@ -25,7 +25,7 @@ from dem_bridge.studies.paper.measures import FIRST, LAST, Measure, at_body, dev
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, MAIN, Runs
 from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 
 #: cylinders of V_in and V_out, first and last, that a reader could choose: between both ends and including them
 INNER_ENDS, ALL_ENDS = ((2, 6), (35, 38)), ((1, 6), (35, 39))

@@ -17,7 +17,7 @@ from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, Effec
 from dem_bridge.studies.paper.runs import MAIN, Runs
 from dem_bridge.studies.paper.validity import ContactValidity, contacts_of
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.reference import SCIPY
+from dem_bridge.verification.reference_choice import SCIPY
 
 TEXTS = Texts("overview", "dem_bridge.studies")
 #: rows of the scale of differences: numerical errors, then effects of the model with the observable that each changes

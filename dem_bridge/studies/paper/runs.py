@@ -15,7 +15,7 @@ from dem_bridge.scene.file.conversion import rounded
 from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.paper.effects import STRONG, VARIANTS
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification.reference import REFERENCE, SCIPY
+from dem_bridge.verification.reference_choice import REFERENCE, SCIPY
 from dem_bridge.verification.roles import assign_roles
 
 #: the paper's own chains: verified in full, with refinement levels

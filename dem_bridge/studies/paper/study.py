@@ -59,7 +59,7 @@ from dem_bridge.studies.paper.summary import NOT_VERIFIED, answer
 from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.reference import REFERENCE, SCIPY
+from dem_bridge.verification.reference_choice import REFERENCE, SCIPY
 from dem_bridge.verification.verification import Verification, verification_of
 from dem_bridge.verification.verify import DEFAULT_ACCURACY, ScenePlan, check_jobs, plan_scene
 

@@ -13,7 +13,7 @@ from dem_bridge.studies.paper.claims import by
 from dem_bridge.studies.paper.effects import PARAMETER, PHYSICS, SUPPOSED, THEORY, Effect
 from dem_bridge.studies.paper.runs import MAIN
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.reference import REFERENCE, SCIPY
+from dem_bridge.verification.reference_choice import REFERENCE, SCIPY
 from dem_bridge.verification.roles import POSITIONAL
 
 #: limits of this report, in addition to those of every report

@@ -23,7 +23,7 @@ from dem_bridge.judging.check.plausible import Plausibility
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
 from dem_bridge.judging.check.subject import subject_of
 from dem_bridge.lmp.known_defects import known_defects
-from dem_bridge.observables.step_error import LargestStep
+from dem_bridge.observables.largest_step import LargestStep
 from dem_bridge.observables.verdict import Outcome
 from tests.helpers.checked_decks import BALLS, RADIUS, UNDAMPED, script
 

@@ -21,7 +21,7 @@ from dem_bridge.studies.paper.runs import MAIN, Runs
 from dem_bridge.studies.paper.validity import contacts_of
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from tests.helpers.legibility import assert_legible
 from tests.studies.paper.conftest import truth_of
 from tests.studies.paper.test_summary import EFFECTS, STUDIES, _effect, _study, _verdict

@@ -46,7 +46,7 @@ from dem_bridge.studies.paper.runs import (
 )
 from dem_bridge.studies.paper.study import Extent, coverage_table, verify_paper
 from dem_bridge.verification import verify
-from dem_bridge.verification.reference import REFERENCE
+from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import GRANULAR
 from dem_bridge.verification.verification import Verification
 from dem_bridge.verification.verify import ScenePlan, plan_scene

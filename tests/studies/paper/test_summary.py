@@ -17,7 +17,7 @@ from dem_bridge.studies.paper.effects import OBSERVABLES, Effect
 from dem_bridge.studies.paper.runs import MAIN, Runs
 from dem_bridge.studies.paper.summary import FAILS_BY, FAILURES, NOT_VERIFIED, answer, failures
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.reference import REFERENCE, SCIPY
+from dem_bridge.verification.reference_choice import REFERENCE, SCIPY
 from dem_bridge.verification.roles import POSITIONAL, assign_roles
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from dem_bridge.observables.step_error import (
+from dem_bridge.observables.largest_step import (
     LargestStep,
     StepError,
     accuracy_key,

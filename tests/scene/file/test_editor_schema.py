@@ -13,7 +13,7 @@ import dem_bridge as db
 from dem_bridge.cli.scene_files import FORMS, template
 from dem_bridge.errors import SceneError
 from dem_bridge.scene.file import parse_scene
-from dem_bridge.scene.file.schema import SCHEMA_FILE, scene_schema
+from dem_bridge.scene.file.editor_schema import SCHEMA_FILE, scene_schema
 from dem_bridge.scene.file.write import scene_toml
 from tests.helpers.command_line import assert_one_line, run_here
 
