@@ -13,7 +13,7 @@ import dem_bridge
 from dem_bridge.cli import waiting
 from dem_bridge.cli.options import ACCURACY, AS_JSON, DT, FOLDER, LAMMPS, TIME_LIMIT, VARIABLES
 from dem_bridge.cli.parameters import Argument, make_command, print_json
-from dem_bridge.foundation.files import check_report_folder
+from dem_bridge.foundation.files import check_future_report_folder
 
 #: range of the cost that is said beforehand, relative to the expected one: a step that is too coarse costs more runs
 _RANGE_OF_COST = (0.7, 2.0)
@@ -43,7 +43,7 @@ def check(file: str, as_json: bool = False, folder: Path | None = None, **settin
     error, and 4 if it is undecided.
     """
     if folder is not None:
-        check_report_folder(folder)
+        check_future_report_folder(folder)
     if "variables" in settings:
         settings["variables"] = dict(settings["variables"])
     with waiting.bar(label=f"check of {file}") as progress:

@@ -128,6 +128,14 @@ def check_report_folder(folder: Path) -> None:
                 raise UsageError(f"{page}: the page is not from dem_bridge and would be lost; allowed: {allowed}")
 
 
+def check_future_report_folder(folder: Path) -> None:
+    """Check as :func:`check_report_folder` a folder that is written later; a missing one stays missing until then."""
+    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    check_report_folder(folder)
+    for made in missing:
+        made.rmdir()
+
+
 def write_whole(folder: Path, texts: Mapping[str, str | bytes], *, replace: bool = True) -> None:
     """Write all ``texts`` into ``folder``, or none of them.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.foundation.files import check_file, named_file, text_of_file, write_whole
+from dem_bridge.foundation.files import check_file, check_future_report_folder, named_file, text_of_file, write_whole
 
 
 def _all(folder: Path) -> list[str]:
@@ -88,3 +88,14 @@ def test_a_name_that_no_file_can_have_is_no_output(tmp_path: Path) -> None:
     for name in (300 * "a", "a\0b"):
         with pytest.raises(UsageError, match="no file can have this name; allowed: at most 255 bytes, without NUL"):
             check_file(tmp_path / name)
+
+
+def test_a_folder_that_is_written_later_is_checked_and_not_left_behind(tmp_path: Path) -> None:
+    check_future_report_folder(tmp_path / "new" / "page")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "there").mkdir()
+    check_future_report_folder(tmp_path / "there")
+    assert (tmp_path / "there").is_dir()
+    (tmp_path / "there" / "index.html").write_text("mine")
+    with pytest.raises(UsageError, match="is not from dem_bridge"):
+        check_future_report_folder(tmp_path / "there")

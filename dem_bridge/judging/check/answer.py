@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from dem_bridge.foundation.wording import share
+from dem_bridge.foundation.wording import number, share
 from dem_bridge.judging.check.edits import Edit
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer
 from dem_bridge.judging.check.plausible import Plausibility
@@ -172,6 +172,9 @@ class Check(KeyedAnswer):
             parts.append(f"the scene gives no step; {step.step}, {step.assumed}, was assumed")
         if step.outcome is Outcome.FAIL:
             rest = "; all of it is the time step" if law.outcome is Outcome.PASS and not step.why else ""
+            if step.list_limit < (step.dt or 0.0):
+                limit = f"{number(step.list_limit)} {step.unit}"
+                rest = f"; the neighbour list, which is safe up to {limit}, may miss contacts"
             parts.append(f"the step is too coarse: {step.headline}{rest}")
         if law.outcome is Outcome.BROKEN:
             parts.append(law.sentence.rstrip("."))
@@ -179,7 +182,9 @@ class Check(KeyedAnswer):
             error = f"within {share(step.error)} of the largest, {share(step.accuracy)} is allowed"
             doubts = [entry.sentence for entry in self.plausible if entry.look and entry.name in _NAMES_OF_DOUBTS]
             doubt = f", but look at the numbers: {'; '.join(doubts)}" if doubts else ""
-            parts.append(f"law and step are right: at {step.step} velocities are {error}{doubt}")
+            limit = f"{number(step.list_limit)} {step.unit}"
+            unsafe = f"; the neighbour list is safe up to {limit} only" if step.list_limit < (step.dt or 0.0) else ""
+            parts.append(f"law and step are right: at {step.step} velocities are {error}{unsafe}{doubt}")
         if law.outcome is Outcome.UNDECIDED:
             parts.append(f"the law was not checked: {law.sentence.rstrip('.')}")
         if step.outcome is Outcome.UNDECIDED and law.outcome is not Outcome.BROKEN:

@@ -16,6 +16,7 @@ from dem_bridge.judging.check.answer import Check, Pictures
 from dem_bridge.judging.check.edits import Edit, applied
 from dem_bridge.judging.check.laboratory import Laboratory, Progress
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer, engine_of, law_by_steps, law_by_tables, law_of
+from dem_bridge.judging.check.neighbours import SAFE_COMMAND
 from dem_bridge.judging.check.plausible import LARGEST_OVERLAP_AT_START, plausibility_of, start_overlap
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
 from dem_bridge.judging.check.subject import Subject, short_problem, subject_of, why_unread
@@ -34,12 +35,12 @@ _MESSAGES_ON_LOST_BODIES = re.compile(
     r"|table (inner|outer) cutoff",
     re.IGNORECASE,
 )
+#: message on a run of which atoms come or go by a command
+_ATOMS_CHANGE = re.compile(r"atom \d+ (appears|is removed) between")
 #: factors by which steps are shortened until LAMMPS loses no body, and the work (steps times bodies) of the last one
 _FACTORS_OF_RESCUE, _MOST_STEPS_TIMES_BODIES = (2, 10, 50, 250), 5e7
 #: step, relative to 2/omega of the stiffest contact, at which a body that is lost is not lost by the step
 _STEP_THAT_LOSES_NO_BODY = 0.1
-#: a neighbour list that misses no contact
-_NEIGHBOUR_LIST_COMMAND = "neigh_modify delay 0 every 1 check yes"
 
 #: callback that is told the expected time of a check, s; None where it cannot be known
 Announce = Callable[[float | None], None]
@@ -81,7 +82,7 @@ def check_file(
             last = finding_of(last_lab, accuracy)
             if last.law.outcome is Outcome.BROKEN:  # these lines do not mend it
                 law_edits, last = (), first
-        edits = (*law_edits, *subject.added, *_step_edits(subject, last))
+        edits = (*law_edits, *subject.added, *_list_edits(subject, last), *_step_edits(subject, last))
         return _answer(lab, first, last, _merged(edits), accuracy)
 
 
@@ -96,6 +97,9 @@ def finding_of(lab: Laboratory, accuracy: float) -> Finding:
     try:
         run = lab.lammps()
     except RunBroken as error:
+        if lab.scene is None and _ATOMS_CHANGE.search(str(error)):
+            law = LawAnswer(outcome=Outcome.UNDECIDED, sentence=f"{why_unread(lab.subject)}.")
+            return Finding(law=law, step=replace(nothing, why=f"{error}: no runs are compared"), version=_version(lab))
         lost = _finer_runs(lab, str(error))
         if lost.factor is None:
             broken = replace(nothing, outcome=Outcome.BROKEN, why="LAMMPS did not end its run")
@@ -170,10 +174,13 @@ def _broken(lab: Laboratory, message: str, tried: int) -> LawAnswer:
         hint, cause = _leaving(lab, tried)
     elif _MESSAGES_ON_LOST_BODIES.search(message):
         hint = "; a run with finer steps, which would show whether the step is the reason, cannot be made"
+    if "time limit" in message:
+        steps = lab.subject.deck.state.steps
+        hint = f"; of {steps} steps neither law nor step is checked: give a longer --time-limit, or check a shorter run"
     if lab.scene is None and lab.subject.deck.problems:
         hint = f"{hint}; {why_unread(lab.subject)}"
     said = re.sub(r" For more information see \S+", "", message.removeprefix("LAMMPS: "))
-    said = f"LAMMPS stopped: {said}" if message.startswith("LAMMPS") else said
+    said = f"LAMMPS stopped: {said}" if message.startswith("LAMMPS: ") else said
     return LawAnswer(outcome=Outcome.BROKEN, sentence=f"{said}{hint}.", cause=cause)
 
 
@@ -214,7 +221,7 @@ def edits_of_law(subject: Subject, finding: Finding) -> tuple[Edit, ...]:
             for defect in defects_of(finding.version, commands):
                 new = defect.mended(new)
             if law.cause == "missed contacts" and raw.split()[:1] == ["neigh_modify"]:
-                new = _NEIGHBOUR_LIST_COMMAND
+                new = SAFE_COMMAND
             if law.cause == "box" and raw.split()[:1] == ["boundary"]:
                 new = raw.replace("f", "m")
             if new != raw:
@@ -236,10 +243,20 @@ def _changed(subject: Subject, edits: tuple[Edit, ...]) -> Subject:
     return replace(subject, deck=deck, scene=scene, changed=changed)
 
 
+def _list_edits(subject: Subject, finding: Finding) -> tuple[Edit, ...]:
+    """Return the line of a neighbour list that misses no contact, if that of the script may at its own step."""
+    if not finding.step.list_limit < (finding.step.dt or 0.0):
+        return ()
+    lines = dict.fromkeys((c.file, c.line) for c in subject.deck.commands if c.name == "neigh_modify")
+    return tuple(Edit(file=file, line=line, new=SAFE_COMMAND) for file, line in lines)
+
+
 def _step_edits(subject: Subject, finding: Finding) -> tuple[Edit, ...]:
     """Return the lines of finer steps, if the answer has some."""
     if finding.step.outcome is not Outcome.FAIL or finding.step.factor < 2 or subject.of_scene:
         return ()
+    if finding.step.only_coarse:
+        return subject.edits_of_coarse(finding.step.factor)
     try:
         return subject.edits(finding.step.factor)
     except UsageError:

@@ -69,8 +69,12 @@ def _end_of(lines: Mapping[int, list[str]], first: int, ends: Mapping[int, int])
     return last + 1
 
 
-def finer(texts: Mapping[str, str], commands: Iterable[Command], state: ReadScript, factor: int) -> tuple[Edit, ...]:
+def finer(
+    texts: Mapping[str, str], commands: Iterable[Command], state: ReadScript, factor: int, *, coarse: bool = False
+) -> tuple[Edit, ...]:
     """Return the edits that divide all time steps of a script by a whole number and keep the duration of its runs.
+
+    ``coarse``: steps of several are divided only as far as they are above the longest one divided by ``factor``.
 
     Raises
     ------
@@ -78,20 +82,55 @@ def finer(texts: Mapping[str, str], commands: Iterable[Command], state: ReadScri
         If a line of the steps cannot be changed: one within a branch, or a run with the keywords start or stop.
     """
     seen: dict[tuple[str, int], Edit] = {}
-    has_step = False
+    has_step, by = False, factor
     first_run: Command | None = None
     for command in commands:
         has_step = has_step or (command.name == "timestep" and first_run is None)
         if command.name == "run" and first_run is None:
             first_run = command
+        if coarse and command.name == "timestep":
+            by = tidy_factor(float(command.rest[0]), float(command.rest[0]) * factor / max(state.time_steps))
         place = (command.file, command.line)
-        if command.name in _SCALED and place not in seen:
-            seen[place] = _scaled(command, dict(logical_lines(texts[command.file]))[command.line], factor)
-    edits = tuple(seen.values())
+        if command.name not in _SCALED:
+            continue
+        edit = _scaled(command, dict(logical_lines(texts[command.file]))[command.line], by)
+        if coarse and seen.setdefault(place, edit) != edit:
+            raise UsageError(f"{command.file}, line {command.line}: `{command.text}` runs with several time steps")
+        seen.setdefault(place, edit)
+    edits = tuple(edit for edit in seen.values() if not coarse or edit.new != _bare(texts, edit))
     if first_run is not None and not has_step and state.step is not None:
         step = f"timestep {state.time_steps[0] / factor if state.time_steps else state.step / factor:.15g}"
         edits = (Edit(file=first_run.file, line=first_run.line, new=step, added=True), *edits)
     return tuple(sorted(edits, key=lambda edit: (edit.file, edit.line, not edit.added)))
+
+
+def _bare(texts: Mapping[str, str], edit: Edit) -> str:
+    """Return the line that an edit replaces as it is written, without its comment."""
+    return " ".join(_split(dict(logical_lines(texts[edit.file]))[edit.line]))
+
+
+def stretched(texts: Mapping[str, str], commands: Iterable[Command], step: float) -> tuple[Edit, ...]:
+    """Return the edits of a script with one longer step, in the units of the script, whose runs last at least as long.
+
+    Raises
+    ------
+    UsageError
+        If a step or a number of steps is not written as a number, or stands in a loop.
+    """
+    edits: list[Edit] = []
+    before = 0.0
+    for command in commands:
+        if command.name not in _SCALED:
+            continue
+        plain = _bare(texts, Edit(file=command.file, line=command.line, new="")) == command.text
+        place = (command.file, command.line)
+        if not plain or len(command.rest) != 1 or place in {(edit.file, edit.line) for edit in edits}:
+            raise UsageError(f"{command.file}, line {command.line}: `{command.text}` cannot be changed to other steps")
+        value = float(command.rest[0])
+        before = value if command.name == "timestep" else before
+        new = f"timestep {step:.15g}" if command.name == "timestep" else f"run {math.ceil(value * before / step)}"
+        edits.append(Edit(file=command.file, line=command.line, new=new))
+    return tuple(edits)
 
 
 def only_steps(edits: Iterable[Edit]) -> tuple[Edit, ...]:
@@ -127,7 +166,8 @@ def _scaled(command: Command, raw: str, factor: int) -> Edit:
     words = _split(raw)
     if not words or words[0] != command.name or {"start", "stop"} & {*command.rest}:
         raise UsageError(f"{command.file}, line {command.line}: `{command.text}` cannot be changed to other steps")
-    return Edit(file=command.file, line=command.line, new=_SCALED[command.name](command, words, factor))
+    new = _SCALED[command.name](command, words, factor) if factor > 1 else " ".join(words)
+    return Edit(file=command.file, line=command.line, new=new)
 
 
 def _step(command: Command, words: list[str], factor: int) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -12,7 +12,8 @@ import numpy as np
 from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_reason
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scene_prescan import prescan_scene
-from dem_bridge.errors import DemBridgeError, RunBroken
+from dem_bridge.errors import DemBridgeError, RunBroken, UsageError
+from dem_bridge.judging.check.edits import Edit, applied, stretched
 from dem_bridge.judging.check.lammps_run import (
     LARGEST_SPACING_OF_PERIOD,
     LammpsRun,
@@ -23,8 +24,9 @@ from dem_bridge.judging.check.lammps_run import (
     spacing_of,
     times_at,
 )
+from dem_bridge.judging.check.neighbours import SAFE_COMMAND
 from dem_bridge.judging.check.subject import Subject
-from dem_bridge.judging.deck import DeckRun, deck_run
+from dem_bridge.judging.deck import DeckRun, deck_run, user_deck
 from dem_bridge.judging.reference import ReferenceSamples, reference_at
 from dem_bridge.judging.step import predict_step_error, stability_limit
 from dem_bridge.lmp.engine import Engine
@@ -37,12 +39,16 @@ from dem_bridge.trajectory.trajectory import Floats
 
 #: samples at which velocities are compared, about; more while forces act
 SAMPLES_COMPARED = 400
+#: samples of a run with other lines
+_SAMPLES_OF_OTHER_LINES = 4000
 #: times at which errors of other steps are looked for, relative to the last one at which forces act
 _END_AFTER_LAST_FORCE = 1.05
 #: numbers of one run of our code that are kept at most
 _MOST_VALUES_KEPT = 4_000_000
 #: release of LAMMPS since which a dump leaves out frames by a variable
 _RELEASE_THAT_SKIPS_FRAMES = 20220623
+#: steps times bodies of a run of our code for a second of the time limit, above which it takes a part of the limit
+_STEPS_TIMES_BODIES_PER_SECOND = 1e6
 #: runs of LAMMPS, of our velocity-Verlet code and of the reference that a check usually makes, for its cost
 _LAMMPS_STEPS, _TWIN_STEPS, _REFERENCE_RUNS = 2.0, 12.0, 3.0
 #: CPU time, s, that imports and starting LAMMPS take in a check, and that of reading dumps and of the further runs for
@@ -170,6 +176,8 @@ class Laboratory:
         scene = None if self.problem or self.scene is None or self.scene.law is not None else self.scene
         frequency = 0.0 if self.prescan is None else self.prescan.frequency
         bodies = max(1, len(deck.state.particles.atoms))
+        if deck.state.steps * factor * bodies > _STEPS_TIMES_BODIES_PER_SECOND * self.time_limit:
+            scene = None  # our run, which estimates the part of the time in which forces act, takes too long
         return spacing_of(scene, dt, deck.state.steps * factor, bodies, frequency)
 
     # ------------------------------------------------------------------ our codes
@@ -304,6 +312,39 @@ class Laboratory:
                 part = np.max(np.abs(velocity - exact.values["velocity"][:, list(run.bodies)]))
                 error = max(error, float(part + exact.uncertainty["velocity"]))
         return error / self.speed
+
+    def error_of(self, edits: Sequence[Edit]) -> float:
+        """Return the error of LAMMPS with other lines at its own sample times; nan if it cannot be run or told."""
+        assert self.scene is not None
+        subject = self.subject
+        try:
+            changed = {**subject.changed, **applied(subject.texts(), edits)}
+            steps = user_deck(subject.path, self.scene, subject.variables, changed).state.steps
+            self.say("LAMMPS with other lines")
+            with deck_run(
+                subject.path,
+                self.scene,
+                engine=self.engine,
+                variables=subject.variables,
+                time_limit=self.time_limit,
+                changed=changed,
+                every=max(1, steps // _SAMPLES_OF_OTHER_LINES),
+            ) as run:
+                samples = samples_of(run.out.read_text(), self.scene, dt=run.dt, unit=subject.unit)
+            exact = reference_at(self.scene, samples.time).values["velocity"][:, list(samples.bodies)]
+        except DemBridgeError:
+            return math.nan
+        return float(np.max(np.abs(samples.velocity - exact))) / self.speed
+
+    def error_with_safe_list(self, dt: float) -> float:
+        """Return the error of LAMMPS at a longer step, s, with a safe neighbour list; nan if it is unknown."""
+        lines = dict.fromkeys((c.file, c.line) for c in self.subject.deck.commands if c.name == "neigh_modify")
+        edits = [Edit(file=file, line=line, new=SAFE_COMMAND) for file, line in lines]
+        try:
+            longer = stretched(self.subject.texts(), self.subject.deck.commands, dt / self.subject.unit)
+        except UsageError:
+            return math.nan
+        return self.error_of([*edits, *longer])
 
     def predicted(self, dt: float, accuracies: tuple[float, ...] = ()) -> StepError | None:
         """Return the error of velocity Verlet at a step, at many times between the samples, too; None if none acts."""

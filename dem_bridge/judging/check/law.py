@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dem_bridge.errors import DemBridgeError, UsageError
+from dem_bridge.errors import DemBridgeError, RunBroken, UsageError
 from dem_bridge.foundation.wording import number, release, share
 from dem_bridge.judging.check.laboratory import Laboratory
 from dem_bridge.judging.check.lammps_run import LammpsRun
@@ -99,7 +99,7 @@ def law_of(lab: Laboratory, factor: int = 1) -> LawAnswer:
     try:
         factor = max(factor, _resolving(lab, deck.dt))
         run = lab.lammps(factor)
-    except UsageError as error:
+    except (UsageError, RunBroken) as error:
         return _unsure(name, math.inf, LARGEST_ROUNDOFF, str(error))
     if not run.finite:
         return _wrong(lab, run, math.inf)
@@ -114,7 +114,7 @@ def law_of(lab: Laboratory, factor: int = 1) -> LawAnswer:
         return LawAnswer(outcome=Outcome.PASS, sentence=said, difference=difference, allowed=allowed)
     try:
         finer, allowed = _difference(lab, lab.lammps(_FACTOR_OF_FINER_STEPS * factor), dt / _FACTOR_OF_FINER_STEPS)
-    except UsageError as error:
+    except (UsageError, RunBroken) as error:
         return _unsure(name, difference, allowed, str(error))
     if finer <= max(allowed, min(_LARGEST_SHARE_LEFT * difference, _LARGEST_LEFT)):
         said = f"{name}: the difference from our code falls with the step, from {share(difference)} to {share(finer)}."
@@ -138,7 +138,7 @@ def law_by_tables(lab: Laboratory, accuracy: float, factor: int = 1) -> LawAnswe
     try:
         factor = max(factor, _resolving(lab, deck.dt))
         run = lab.lammps(factor)
-    except UsageError as error:
+    except (UsageError, RunBroken) as error:
         return _unsure(name, math.inf, accuracy, str(error))
     difference = _difference(lab, run, deck.dt / factor)[0] if run.finite else math.inf
     force = table.force_error(deepest)
@@ -180,7 +180,7 @@ def law_by_steps(lab: Laboratory, base: int = 1) -> LawAnswer:
     name = law_name(lab.subject.deck)
     try:
         errors = [lab.error(lab.lammps(factor * base)) for factor in (1, 2, _FACTOR_OF_FINER_STEPS)]
-    except UsageError as error:
+    except (UsageError, RunBroken) as error:
         return _unsure(name, lab.error(run), LARGEST_ROUNDOFF, str(error))
     if errors[2] <= max(_LARGEST_SHARE_LEFT * errors[0], LARGEST_ROUNDOFF):
         sizes = ", ".join(map(share, errors))
@@ -207,7 +207,8 @@ def _difference(lab: Laboratory, run: LammpsRun, dt: float) -> tuple[float, floa
 
 
 def _unsure(name: str, difference: float, allowed: float, why: str) -> LawAnswer:
-    said = f"{name}: LAMMPS is {share(difference)} of the largest velocity away, and finer steps cannot be tried: {why}"
+    size = f"LAMMPS is {share(difference)} of the largest velocity away"
+    said = f"{name}: {size}, and finer steps cannot be tried: {why.rstrip('.')}."
     return LawAnswer(outcome=Outcome.UNDECIDED, sentence=said, difference=difference, allowed=allowed)
 
 

@@ -12,6 +12,7 @@ from dem_bridge.errors import DemBridgeError
 from dem_bridge.foundation.wording import number, share
 from dem_bridge.judging.check.edits import tidy_factor
 from dem_bridge.judging.check.laboratory import Laboratory
+from dem_bridge.judging.check.neighbours import SAFE_COMMAND, neighbour_list
 from dem_bridge.judging.model import MotionTooLong
 from dem_bridge.observables.largest_step import LargestStep, StepError, with_sources
 from dem_bridge.observables.verdict import Outcome, judge
@@ -29,6 +30,8 @@ _MOST_FACTORS_TRIED, _MOST_CONFIRMING_RUNS = 16, 3
 _MOST_STEPS_TIMES_BODIES = 2e9
 #: relative error below which no contact acted, or round-off alone is left
 _LARGEST_ROUNDOFF = 1e-13
+#: part by which the error of LAMMPS at a step of our code may be above the accuracy: samples and durations differ
+_SLACK_OF_CONFIRMED_ERROR = 0.05
 #: two differences of runs at halved steps whose ratio is below this show no convergence
 _LEAST_CONVERGING_RATIO = 1.4
 
@@ -49,10 +52,18 @@ class StepAnswer:
     """Largest step for an accuracy; None where it is not known."""
     factor: int = 1
     """How many times shorter the steps to write are; 0: no step serves."""
+    only_coarse: bool = False
+    """True if only the coarse ones of several steps are to be divided."""
     confirmed: float = math.nan
     """Error of LAMMPS with the lines to write; nan where it was not run."""
     limit: float = math.nan
     """Largest stable step, s."""
+    list_limit: float = math.nan
+    """Step, s, above which the neighbour list may miss contacts; nan where it does not limit the steps."""
+    with_safe_list: float = math.nan
+    """Largest step, s, for the accuracy with a list that misses none; nan if no run confirms it."""
+    list_words: str = ""
+    """The neighbour list in words."""
     unit: str = "s"
     """Unit of time in words."""
     order: float = 2.0
@@ -106,7 +117,16 @@ class StepAnswer:
         ]
         steps = [with_sources(told, self._words)] if told else []
         limit = [f"unstable above {number(self.limit)} {self.unit}"] if self.limit > 0.0 else []
-        return ", ".join((*steps, *limit))
+        return ", ".join((*steps, *limit, *self._of_list()))
+
+    def _of_list(self) -> list[str]:
+        """Return the limit that the neighbour list sets, and what is possible without it."""
+        if math.isnan(self.list_limit):
+            return []
+        more = f"{self._words(self.with_safe_list)} gives {share(self.accuracy)}"
+        more = more if self.with_safe_list > 0.0 else "larger steps are possible"
+        said = f"the neighbour list is safe up to {self._words(self.list_limit)} ({self.list_words})"
+        return [f"{said}: with `{SAFE_COMMAND}` {more}"]
 
     def _words(self, step: float) -> str:
         """Return a step with its unit."""
@@ -142,7 +162,7 @@ def step_of(lab: Laboratory, accuracy: float, *, law_is_right: bool, lost: bool)
         return replace(answer, outcome=Outcome.PASS if law_is_right else Outcome.UNDECIDED, why=why)
     # a step beyond the limit of stability, or longer than the run, is none
     most = min((value for value in (answer.limit, float(lab.times[-1])) if value > 0.0), default=math.inf)
-    answer = replace(answer, steps=_largest_steps(curve, accuracy, most=most))
+    answer = _limited_by_list(lab, answer, curve, most, dt if law_is_right and not lost else 0.0)
     outcome = Outcome.FAIL if lost else judge(now, answer.uncertainty, accuracy)
     if outcome is Outcome.UNDECIDED:
         asked = f"{share(accuracy)} is asked"
@@ -161,6 +181,28 @@ def step_of(lab: Laboratory, accuracy: float, *, law_is_right: bool, lost: bool)
     if factor == 0:
         why = f"no step was found that gives {share(accuracy)}"
     return replace(answer, outcome=Outcome.FAIL, factor=factor, confirmed=confirmed, why=why)
+
+
+def _limited_by_list(lab: Laboratory, answer: StepAnswer, curve: StepError, most: float, safe: float) -> StepAnswer:
+    """Return the answer with its largest steps, in which the neighbour list of the script misses no contact.
+
+    ``most``: longest step, s, that is possible; ``safe``: step at which LAMMPS was seen to miss none.
+    """
+    steps = _largest_steps(curve, answer.accuracy, most=most)
+    neighbours = neighbour_list(lab.subject.deck)
+    limit = math.inf if neighbours is None or lab.subject.of_scene else neighbours.largest_step(lab.speed)
+    largest = steps[answer.accuracy]
+    seen = {accuracy: safe if answer.error <= accuracy else 0.0 for accuracy in steps}
+    if neighbours is None or largest is None or largest.dt <= max(limit, seen[answer.accuracy]):
+        return replace(answer, steps=steps)
+    error = lab.error_with_safe_list(largest.dt)
+    return replace(
+        answer,
+        steps={accuracy: curve.largest_step(accuracy, most=max(limit, seen[accuracy])) for accuracy in steps},
+        list_limit=limit,
+        with_safe_list=largest.dt if error <= answer.accuracy * (1.0 + _SLACK_OF_CONFIRMED_ERROR) else math.nan,
+        list_words=neighbours.words,
+    )
 
 
 def _largest_steps(
@@ -224,8 +266,10 @@ def step_by_lammps(lab: Laboratory, accuracy: float, base: int = 1) -> StepAnswe
     first, second, third = (lab.lammps(factor * base) for factor in (1, 2, 4))
     scale = float(np.max(np.abs(third.velocity)))
     answer = StepAnswer(dt=dt, accuracy=accuracy, scale=scale, unit=lab.subject.time_unit)
-    if not (np.all(np.isfinite(third.velocity)) and scale > 0.0):
-        return replace(answer, why="velocities of LAMMPS are not numbers, or nothing moves")
+    if not np.all(np.isfinite(third.velocity)):
+        return replace(answer, why="velocities of LAMMPS are not numbers")
+    if not scale > 0.0:
+        return replace(answer, why="nothing moves during the run, so no step is tested")
     if np.all(third.velocity == third.velocity[0]) and np.all(third.active == third.velocity[0]):
         return replace(answer, why="no velocity changes during the run, so no step is tested")
     coarse, fine = first.apart(second) / scale, second.apart(third) / scale
@@ -259,9 +303,18 @@ def step_by_lammps(lab: Laboratory, accuracy: float, base: int = 1) -> StepAnswe
             break
         apart = lab.lammps(factor).apart(lab.lammps(2 * factor)) / scale
         if (left := _of_difference(apart, order)) <= accuracy:
-            return replace(answer, factor=factor, confirmed=left)
+            return _only_coarse(lab, replace(answer, factor=factor, confirmed=left))
         least = 1.5 * factor
     return replace(answer, factor=0, why=f"no step was found that gives {share(accuracy)}")
+
+
+def _only_coarse(lab: Laboratory, answer: StepAnswer) -> StepAnswer:
+    """Return an answer whose lines change only the coarse ones of several steps, if a run with these is right, too."""
+    if answer.dt is not None or lab.scene is None:
+        return answer
+    edits = lab.subject.edits_of_coarse(answer.factor)
+    error = lab.error_of(edits) if edits else math.nan
+    return replace(answer, only_coarse=True, confirmed=error) if error <= answer.accuracy else answer
 
 
 def _by_order(answer: StepAnswer, coarse: float, fine: float) -> StepAnswer:

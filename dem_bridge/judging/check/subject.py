@@ -94,6 +94,21 @@ class Subject:
                 return edits
         raise UsageError(f"{self.name}: its steps follow from other lines, which this program does not change")
 
+    def edits_of_coarse(self, factor: int) -> tuple[Edit, ...]:
+        """Return the lines that shorten only steps above the longest one divided by a number, if there are such.
+
+        The durations of the runs are kept.
+        """
+        texts, state = self.texts(), self.deck.state
+        try:
+            edits = finer(texts, self.deck.commands, state, factor, coarse=True)
+        except UsageError:
+            return ()
+        changed = user_deck(self.path, self.scene, self.variables, {**self.changed, **applied(texts, edits)}).state
+        longest = max(state.time_steps) / factor * (1.0 + 1e-9)
+        as_long = math.isclose(state.duration, changed.duration, rel_tol=1e-9)
+        return edits if as_long and max(changed.time_steps) <= longest else ()
+
     def finer(self, factor: int) -> dict[str, str]:
         """Return the texts of all files that differ from those on the disk, with steps so many times shorter."""
         if self.of_scene and factor > 1:

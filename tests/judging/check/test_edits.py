@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dem_bridge.errors import UsageError
-from dem_bridge.judging.check.edits import Edit, applied, tidy_factor
+from dem_bridge.judging.check.edits import Edit, applied, stretched, tidy_factor
 from dem_bridge.judging.check.subject import Subject, subject_of
 from tests.helpers.checked_decks import script
 
@@ -70,3 +70,25 @@ def test_several_added_lines_keep_their_order() -> None:
 @pytest.mark.parametrize(("least", "factor"), [(0.5, 1), (1.0, 1), (1.01, 2), (2.6, 4), (7.2, 10), (100.0, 100)])
 def test_a_step_that_is_written_has_few_digits(least: float, factor: int) -> None:
     assert tidy_factor(1e-6, least) == factor
+
+
+def test_only_the_coarse_ones_of_several_steps_are_changed(tmp_path: Path) -> None:
+    read = subject(tmp_path, script(step="timestep 2e-6\nrun 40\ntimestep 2e-7", run="run 600"))
+    assert [edit.new for edit in read.edits_of_coarse(4)] == ["timestep 5e-07", "run 160"]
+    assert [edit.new for edit in read.edits_of_coarse(20)] == [
+        "timestep 1e-07",
+        "run 800",
+        "timestep 1e-07",
+        "run 1200",
+    ]
+    loop = "variable dt index 2e-6 2e-7\nlabel again\ntimestep ${dt}\nrun 40\nnext dt\njump SELF again"
+    assert subject(tmp_path, script(step="", run=loop)).edits_of_coarse(4) == ()
+
+
+def test_a_longer_step_keeps_at_least_the_duration(tmp_path: Path) -> None:
+    read = subject(tmp_path, script(step="timestep 2e-6", run="run 41"))
+    longer = stretched(read.texts(), read.deck.commands, 5e-6)
+    assert [edit.new for edit in longer] == ["timestep 5e-06", "run 17"]
+    read = subject(tmp_path, script(step="variable d equal 2e-6\ntimestep ${d}", run="run 41"))
+    with pytest.raises(UsageError, match="cannot be changed to other steps"):
+        stretched(read.texts(), read.deck.commands, 5e-6)

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 import dem_bridge as db
+from dem_bridge.judging.check import lammps_run
 from dem_bridge.judging.check.answer import Check
 from tests.helpers.checked_decks import RADIUS, script
 
@@ -58,3 +59,25 @@ def test_a_run_whose_forces_cannot_be_read_was_made_and_its_step_is_judged(tmp_p
     assert "`fix move all nve` integrates atoms that another fix integrates" in answer.headline
     assert answer.step["outcome"] == "FAIL"
     assert len(answer.advice) == 2
+
+
+def test_a_run_that_is_too_long_for_the_time_limit_ends_and_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def too_long(*arguments: Any) -> float:
+        raise AssertionError("our code would take minutes before LAMMPS begins")
+
+    monkeypatch.setattr(lammps_run, "_share_of_time", too_long)
+    (tmp_path / "in.chain").write_text(script(run="run 2000000000", boundary="boundary m m m"))
+    answer = db.check(tmp_path / "in.chain", time_limit=3.0)
+    assert answer.outcome == "BROKEN"
+    assert "time limit of 3 s" in answer.law["sentence"]
+    assert "of 2000000000 steps neither law nor step is checked" in answer.law["sentence"]
+
+
+def test_only_the_coarse_step_of_two_is_to_be_written(tmp_path: Path) -> None:
+    answer = check(tmp_path, step="timestep 2e-6\nrun 100\ntimestep 2e-7", run="run 600")
+    assert answer.step["outcome"] == "FAIL"
+    assert {line.split()[0] for line in answer.advice} == {"timestep", "run"}
+    assert len(answer.advice) == 2
+    assert answer.step["confirmed"] <= 1e-3
