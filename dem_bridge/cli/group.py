@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 #: exit code if the reader of the output ended, as of a program that SIGPIPE stops
 PIPE_CLOSED = 141
+_NO_FOLDER = "the working folder was removed; change to a folder that exists"
 
 
 class _Group(click.Group):
@@ -66,6 +67,8 @@ class _Group(click.Group):
             text = text.splitlines()[-1]
         except DemBridgeError as error:
             text, code = str(error), error.exit_code
+            if code == 2 and not _has_folder():
+                text = _NO_FOLDER
         except BrokenPipeError as error:
             if not output_is_closed():
                 raise
@@ -77,7 +80,7 @@ class _Group(click.Group):
         except (OSError, ArithmeticError, MemoryError) as error:
             text, code = f"{type(error).__name__}: {error}; the run was stopped", 3
             if isinstance(error, FileNotFoundError) and not _has_folder():
-                text, code = "the working folder was removed; change to a folder that exists", 2
+                text, code = _NO_FOLDER, 2
         except KeyboardInterrupt as error:  # with words where a campaign ended in order
             text, code = str(error) or "interrupted; the run was stopped; a second call uses what was finished", 130
         click.echo(f"dem-bridge: {one_line(text)}", err=True)

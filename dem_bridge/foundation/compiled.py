@@ -60,14 +60,13 @@ class Kernel(Generic[P, R]):
 
     def interpret(self, *arguments: P.args, **named: P.kwargs) -> R:
         """Call the function, and the kernels that it calls, without the compiler."""
-        return self._interpreted(*arguments, **named)
+        return self._interpreted()(*arguments, **named)
 
-    @cached_property
     def _interpreted(self) -> Callable[P, R]:
-        """The function with the functions of the kernels that it calls in place of these."""
+        """Return the function with the functions of the kernels that it calls in place of these."""
         function = cast(FunctionType, self.py_func)
         called = {name: function.__globals__.get(name) for name in function.__code__.co_names}
-        kernels = {name: value._interpreted for name, value in called.items() if isinstance(value, Kernel)}
+        kernels = {name: value._interpreted() for name, value in called.items() if isinstance(value, Kernel)}
         return FunctionType(function.__code__, function.__globals__ | kernels, argdefs=function.__defaults__)
 
 
