@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Backend, Resolution, Sampling
-from dem_bridge.backends.blanes_moan import SRKN_6B
-from dem_bridge.backends.splitting import Method
+from dem_bridge.backends.blanes_moan import SRKN_6B, BlanesMoan
+from dem_bridge.backends.scene_prescan import prescan_scene
+from dem_bridge.backends.splitting import Method, solve_motion
+from dem_bridge.backends.steps import fixed_step_plan
 from dem_bridge.backends.twin import VERLET
+from dem_bridge.backends.verlet import Verlet
 from dem_bridge.physics.touch_error import touch_coefficients, touch_rms
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Floats
@@ -88,24 +91,48 @@ def long_run(
     start, closed, jumped, squares, evaluations = float(energy_of(scene, np.array([scene.velocity]))[0]), 0, 0.0, 0.0, 0
     piece, ended = replace(scene, duration=ROWS * spacing), False
     parts: list[tuple[NDArray[np.int64], Floats, Floats]] = []
+    solve = _solver_of(code, piece, resolution)
     while not ended:
-        run = code.run(piece, resolution, Sampling(count=ROWS))
-        overlap = overlap_of(piece, run.displacement)
-        closings, jump, square = read_touches(piece, run.velocity, overlap, spacing, method)
+        velocity, displacement, evaluated = solve(piece)
+        overlap = overlap_of(piece, displacement)
+        closings, jump, square = read_touches(piece, velocity, overlap, spacing, method)
         number, path = closed + np.cumsum(closings), jumped + np.cumsum(jump)
         free = np.flatnonzero(~np.any(overlap > 0.0, axis=1))
         first = free[np.flatnonzero(np.diff(number[free].astype(float), prepend=closed if parts else -1) > 0)]
-        error = energy_of(piece, run.velocity[first]) / start - 1.0
+        error = energy_of(piece, velocity[first]) / start - 1.0
         within = slice(int(np.argmax(np.abs(error) > 1.0)) if np.any(np.abs(error) > 1.0) else None)
         parts.append((number[first][within], error[within], path[first][within] / start))
         closed, jumped, squares = int(number[-1]), float(path[-1]), squares + square
-        evaluations += int(run.cost.force_evaluations or 0)
+        evaluations += evaluated
         progress(min(1.0, closed / contacts))
         ended = closed >= contacts or within.stop is not None
-        piece = continued(piece, run.velocity[-1], overlap[-1])
+        piece = continued(piece, velocity[-1], overlap[-1])
     numbers, errors, predicted = (np.concatenate(column) for column in zip(*parts, strict=True))
     rms = np.nan if method is None else touch_rms(*method) * float(np.sqrt(squares / closed)) / start
     return Walk(contacts=numbers, error=errors, predicted=predicted, jump=rms, evaluations=evaluations / closed)
+
+
+def _solver_of(code: Backend, first: Scene, resolution: Resolution) -> Callable[[Scene], tuple[Floats, Floats, int]]:
+    """Return a function that solves a piece: velocities, displacements, and the number of force evaluations.
+
+    The splitting methods solve all pieces on the steps of the first, bit for bit as their backends do, without the
+    prescan, the peaks and the checks of each piece.
+    """
+    sampling = Sampling(count=ROWS)
+    if isinstance(code, Verlet | BlanesMoan):
+        method, plan = METHODS[code.name], fixed_step_plan(first, resolution, sampling, prescan_scene(first))
+
+        def solve_steps(piece: Scene) -> tuple[Floats, Floats, int]:
+            motion = solve_motion(code, method, piece, plan)
+            return motion.velocity, motion.displacement, len(method.drifts) * plan.steps + 1
+
+        return solve_steps
+
+    def solve_run(piece: Scene) -> tuple[Floats, Floats, int]:
+        run = code.run(piece, resolution, sampling)
+        return run.velocity, run.displacement, int(run.cost.force_evaluations or 0)
+
+    return solve_run
 
 
 def read_touches(
@@ -118,7 +145,6 @@ def read_touches(
     the closing rate u of that sample.
     """
     c, closed = scene.contacts, overlap > 0.0
-    rate = _difference(scene, velocity)
     closings, jump, square = np.zeros(len(overlap), dtype=np.int64), np.zeros(len(overlap)), 0.0
     for sign, before, after in ((1.0, slice(None, -1), slice(1, None)), (-1.0, slice(1, None), slice(None, -1))):
         row, k = np.nonzero(~closed[before] & closed[after])
@@ -126,8 +152,11 @@ def read_touches(
             np.add.at(closings, row + 1, 1)
         if method is not None:
             outside = row + int(sign < 0.0)
+            around = np.pad(velocity[outside], ((0, 0), (0, 1)))  # walls have the velocity 0
+            touches = np.arange(len(outside))
+            rate = around[touches, c.left[k]] - around[touches, c.right[k]]
             # a graze may turn within the step: it has no jump worth the name
-            depth = np.maximum(sign * rate[outside, k] * spacing, 1e-300)
+            depth = np.maximum(sign * rate * spacing, 1e-300)
             phase, size = np.minimum(-overlap[outside, k] / depth, 1.0), c.stiffness[k] * depth ** c.exponent[k]
             coefficient = touch_coefficients(*method, exponent=float(c.exponent[0]), phase=phase)
             np.add.at(jump, row + 1, -sign * size * coefficient)
@@ -176,5 +205,5 @@ def continued(scene: Scene, velocity: Floats, overlap: Floats) -> Scene:
 
 def _difference(scene: Scene, values: Floats) -> Floats:
     """Return at each contact the value of the body on its left minus that on its right; walls have 0."""
-    c, padded = scene.contacts, np.pad(values, ((0, 0), (0, 1)))
-    return np.asarray(padded[:, c.left] - padded[:, c.right])
+    c, columns = scene.contacts, [*np.asarray(values).T, 0.0]
+    return np.stack([columns[left] - columns[right] for left, right in zip(c.left, c.right, strict=True)], axis=-1)
