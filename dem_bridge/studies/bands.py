@@ -8,7 +8,7 @@ motions and the time step; between codes it is round-off.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,6 +29,7 @@ from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Scene
+from dem_bridge.studies.recalled import recall_study
 from dem_bridge.trajectory.trajectory import Trajectory
 
 TEXTS = Texts("bands", "dem_bridge.studies")
@@ -116,20 +117,30 @@ def study_bands(
     """
     if not 0.0 < tolerance < 1.0:
         raise UsageError(f"tolerance = {tolerance!r}; allowed: above 0 and below 1")
-    cell = unit_cell(scene)[1]
     if scene.drive is None:
         raise UnsupportedScene(
             f"{scene.name} is not driven: in a gap nothing moves by itself; allowed: a [chain.drive] that goes"
             " over all edges"
         )
-    top = cell.edges[-1] / (2.0 * math.pi)
+    cell = unit_cell(scene)[1]
     _check_range(scene, scene.drive, cell)
+    engine = engine or Engine.chosen()
+
+    def measured() -> Study:
+        return _study(scene, cell, engine, tolerance, {"jobs": jobs, "progress": progress, "store": store})
+
+    return recall_study("bands", store, measured, scene, engine, tolerance=tolerance)
+
+
+def _study(scene: Scene, cell: Cell, engine: Engine, tolerance: float, campaign: Mapping[str, Any]) -> Study:
+    """Run the codes and show what they measure; ``campaign``: arguments of ``run_cases``."""
+    top = cell.edges[-1] / (2.0 * math.pi)
     sampling = Sampling(count=math.ceil(SAMPLES * top * scene.duration))
     step = Resolution(dt=1.0 / (STEPS * top))
     scipy = Case(scene=scene, backend="scipy", resolution=Resolution(), sampling=sampling, uncertainty=False)
     twin = replace(scipy, backend="verlet", resolution=step)
     cases = [scipy, twin, replace(twin, backend="lammps-granular", engine=engine)]
-    results = run_cases(cases, jobs=jobs, progress=progress, store=store)
+    results = run_cases(cases, **campaign)
     runs = {result.case.backend: result.trajectory for result in results if result.trajectory is not None}
     matches = [_measured(scene, cell, name, run, runs) for name, run in runs.items()]
     excuses = {result.backend: _excuse(scene, cell, result, tolerance) for result in matches}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,8 +14,8 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Scene
 
 
-class _Unfinished(Exception):
-    """A study that is not kept, because it was interrupted or one of its runs broke."""
+class Unfinished(Exception):
+    """A study that is not kept, because it was interrupted or one of its runs broke: ``make`` may raise it."""
 
     def __init__(self, study: Study) -> None:
         self.study = study
@@ -25,7 +25,7 @@ def recall_study(
     name: str,
     store: Store | None,
     make: Callable[[], Study],
-    scene: Scene,
+    scene: Scene | Sequence[Scene],
     engine: Engine | None = None,
     **settings: Any,
 ) -> Study:
@@ -39,27 +39,27 @@ def recall_study(
         None: the study is always made.
     make : callable
         Makes the study. One that was interrupted, or has a verdict BROKEN, is not kept.
-    scene : Scene
+    scene : Scene or sequence of Scene
     engine : Engine, optional
         The LAMMPS that the study runs, if any.
     **settings
         Everything else that the study depends on, as JSON.
     """
-    if store is None:
-        return make()
 
     def finished() -> tuple[Study, dict[str, str | bytes]]:
         study = make()
         if study.interrupted or any(verdict.outcome is Outcome.BROKEN for verdict in study.verdicts):
-            raise _Unfinished(study)
+            raise Unfinished(study)
         return replace(study, files={}), {file: content() for file, content in study.files.items()}
 
-    kinds = (Study, *PARTS)
+    kinds, scenes = (Study, *PARTS), [scene] if isinstance(scene, Scene) else scene
     try:
+        if store is None:
+            return make()
         study, files = recall(
-            store, f"study {name}", [], finished, kinds=kinds, scenes=[scene], engine=engine, **settings
+            store, f"study {name}", [], finished, kinds=kinds, scenes=scenes, engine=engine, **settings
         )
-    except _Unfinished as unfinished:
+    except Unfinished as unfinished:
         return unfinished.study
     return replace(study, files={file: _constant(content) for file, content in files.items()})
 

@@ -8,8 +8,9 @@ and of LAMMPS varies, too.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from dem_bridge.runs.campaign import Jobs, Progress, Result, run_cases
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import BY_RESTITUTION
+from dem_bridge.studies.recalled import recall_study
 from dem_bridge.studies.restitution_impacts import (
     CONTACTS,
     LAWS,
@@ -164,10 +166,24 @@ def study_restitution(
     for name, values, allowed in choices:
         if not values or not set(values) <= set(allowed):
             raise UsageError(f"{name} = {list(values)!r}; allowed: some of {', '.join(allowed)}")
+    engine = engine or Engine.chosen()
+
+    def measured() -> Study:
+        campaign = {"jobs": jobs, "progress": progress, "store": store}
+        return _study(laws, backends, known_defects, engine, campaign)
+
+    settings = {"laws": list(laws), "backends": list(backends), "known_defects": known_defects}
+    return recall_study("restitution", store, measured, [], engine, **settings)
+
+
+def _study(
+    laws: Sequence[str], backends: Sequence[str], known_defects: str, engine: Engine, campaign: Mapping[str, Any]
+) -> Study:
+    """Run the impacts and show their restitution; ``campaign``: arguments of ``run_cases``."""
     points = [*_points(laws, backends, engine), *_step_points(laws, backends, engine)]
     bouncing = bounce_cases(backends, engine) if "coeff_restitution" in laws else []
     cases = [case for *_, case in points]
-    results = run_cases([*cases, *bouncing], jobs=jobs, progress=progress, store=store)
+    results = run_cases([*cases, *bouncing], **campaign)
     bounced = zip(bouncing, results[len(cases) :], strict=True)
     bounces = [bounce for case, result in bounced for bounce in bounces_of(case.scene, result)]
     measured = [

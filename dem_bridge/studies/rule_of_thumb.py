@@ -15,6 +15,7 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.scene_prescan import prescan_scene
+from dem_bridge.errors import RunBroken
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.conserved import energy_parts, energy_uncertainty
 from dem_bridge.observables.observable import LARGEST, Observable
@@ -29,6 +30,7 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene.file import load_scene, shipped_scenes
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import contact_time_of, rayleigh_time_of
+from dem_bridge.studies.recalled import Unfinished, recall_study
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,9 +122,21 @@ def study_rule_of_thumb(
     """
     scenes = [scene] if scene is not None else [load_scene(name) for name in shipped_scenes()]
     main = next((item for item in scenes if item.name == MAIN), scenes[0])
-    cases = [cases_of(item, engine=engine, with_engine=item is main) for item in scenes]
-    groups = run_groups(cases, jobs=jobs, progress=progress, store=store)
-    errors = [errors_of(item, results) for item, results in zip(scenes, groups, strict=True)]
+    engine = engine or Engine.chosen()
+
+    def measured() -> Study:
+        cases = [cases_of(item, engine=engine, with_engine=item is main) for item in scenes]
+        groups = run_groups(cases, jobs=jobs, progress=progress, store=store)
+        study = study_of([errors_of(item, results) for item, results in zip(scenes, groups, strict=True)])
+        if any(isinstance(result.failure, RunBroken) for results in groups for result in results):
+            raise Unfinished(study)
+        return study
+
+    return recall_study("rule-of-thumb", store, measured, scenes, engine)
+
+
+def study_of(errors: Sequence[SceneErrors]) -> Study:
+    """Show the errors of some scenes; nothing is run here."""
     return TEXTS.study(
         {"part": _smallest_part(errors), "rtol": REFERENCE_RTOL},
         answer=tuple(_answer(errors)),

@@ -12,7 +12,7 @@ import pytest
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import Study
-from dem_bridge.scene.file import parse_scene
+from dem_bridge.scene.file import load_scene, parse_scene
 from dem_bridge.scene.file.load import Measurement
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.studies.energy import study_energy
@@ -21,7 +21,9 @@ from dem_bridge.studies.horizon.study import study_horizon
 from dem_bridge.studies.measurement.study import study_measurement
 from dem_bridge.studies.order.study import study_order
 from dem_bridge.studies.precision import study_precision
-from dem_bridge.studies.recalled import recall_study
+from dem_bridge.studies.recalled import Unfinished, recall_study
+from dem_bridge.studies.restitution import study_restitution
+from dem_bridge.studies.rule_of_thumb import study_rule_of_thumb
 from dem_bridge.studies.scatter import study_scatter
 from dem_bridge.studies.sensitivity import study_sensitivity
 from dem_bridge.studies.styles import study_styles
@@ -101,6 +103,21 @@ def test_a_second_call_with_lammps_runs_nothing(study: Callable[..., Study], tmp
     check((partial(study, dt=1e-7), partial(study, dt=2e-7), 1), tmp_path)
 
 
+@pytest.mark.lammps
+@pytest.mark.parametrize(
+    "calls",
+    [
+        (partial(study_restitution, laws=["dashpot"], backends=["verlet"]),
+         partial(study_restitution, laws=["tsuji"], backends=["verlet"]), 1),
+        (partial(study_rule_of_thumb, load_scene("sphere-cylinder-sphere")),
+         partial(study_rule_of_thumb, load_scene("tapered-forward")), 1),
+    ],
+    ids=["restitution", "rule-of-thumb"],
+)  # fmt: skip
+def test_a_second_call_with_the_default_engine_computes_nothing(calls: Calls, tmp_path: Path) -> None:
+    check(calls, tmp_path)
+
+
 def test_a_second_call_of_a_measurement_reads_the_files_again(tmp_path: Path) -> None:
     file = tmp_path / "laser.csv"
     head = "time_s,body,velocity_m_per_s,velocity_uncertainty_m_per_s"
@@ -132,3 +149,14 @@ def test_a_study_that_did_not_end_well_is_made_again(change: dict[str, Any], tmp
 
     assert [recall_study("s", store, make, PAIR) is study for _ in range(2)] == [True, True]
     assert (len(made), store.computed) == (2, 0)
+
+
+def test_a_study_can_say_itself_that_it_did_not_end_well(tmp_path: Path) -> None:
+    store = Counting(tmp_path)
+    study = Study(id="s", title="", answer=("One.",))
+
+    def make() -> Study:
+        raise Unfinished(study)
+
+    assert [recall_study("s", kept, make, [PAIR, HEAVY]) is study for kept in (store, store, None)] == [True] * 3
+    assert store.computed == 0

@@ -45,6 +45,7 @@ from dem_bridge.studies.model_hierarchy.passage import (
     first_counted,
     largest,
 )
+from dem_bridge.studies.recalled import recall_study
 from dem_bridge.studies.scatter import scattered
 from dem_bridge.verification.roles import GRANULAR
 
@@ -216,40 +217,47 @@ def study_model_hierarchy(
         If no impulse runs through the chain.
     """
     check_setting("draws", draws, "a whole number of chains from 1 to 1000", least=1, most=1000)
-    hierarchy = models.model_hierarchy_of(
-        scene, accuracy=accuracy, observables=observables, dashpot=dashpot, window=window, store=store
-    )
-    bench = Bench(hierarchy, jobs=jobs, progress=progress, store=store)
-    names = models.judged(bench)
-    alone = models.left_out(bench, names)
-    below = models.least(bench, alone, names)
-    suspected = tuple(doubts(bench, names, spread=spread, draws=draws))
-    numerical = tuple(choices(bench, names, engine)) if numerics else ()
-    answer = [*_on_physics(hierarchy, alone, below, names, dashpot)]
-    if suspected:
-        answer.append(TEXTS("suspected", effects=_effects_of(suspected, names, "{}: {}")))
-    if numerical:
-        coarsest = cheapest(bench, below, names)
-        answer += _on_numerics(hierarchy, numerical, coarsest, names)
-    tables: dict[str, Sequence[Tried]] = {
-        "physics": alone, "down": below.steps, "suspected": suspected, "numerics": numerical
-    }  # fmt: skip
-    panels = {"(a) left out": alone, "(b) suspected, and numerical choices": (*suspected, *numerical)}
-    drawn = [_panel(title, hierarchy, items) for title, items in panels.items() if items]
-    texts = {"scene": scene.name, "accuracy": accuracy, "least": LEAST_SHOWN}
-    return TEXTS.study(
-        texts,
-        answer=tuple(answer),
-        tables=(*(_table(hierarchy, id, items) for id, items in tables.items() if items), *_start_table(alone)),
-        figures=(TEXTS.figure("effects", drawn, **texts, columns=1),) if drawn else (),
-        verdicts=tuple(
-            TEXTS.verdict("broken", scene=scene.name, **vars(item))
-            for item in numerical
-            if item.outcome is Outcome.BROKEN
-        ),
-        notes=tuple(_notes(hierarchy, bench, numerical, names)),
-        provenance={"scene": scene.name, "scene_hash": scene.content_hash, "least_hash": below.scene.content_hash},
-    )
+    engine = engine or Engine.chosen()
+
+    def found() -> Study:
+        hierarchy = models.model_hierarchy_of(
+            scene, accuracy=accuracy, observables=observables, dashpot=dashpot, window=window, store=store
+        )
+        bench = Bench(hierarchy, jobs=jobs, progress=progress, store=store)
+        names = models.judged(bench)
+        alone = models.left_out(bench, names)
+        below = models.least(bench, alone, names)
+        suspected = tuple(doubts(bench, names, spread=spread, draws=draws))
+        numerical = tuple(choices(bench, names, engine)) if numerics else ()
+        answer = [*_on_physics(hierarchy, alone, below, names, dashpot)]
+        if suspected:
+            answer.append(TEXTS("suspected", effects=_effects_of(suspected, names, "{}: {}")))
+        if numerical:
+            coarsest = cheapest(bench, below, names)
+            answer += _on_numerics(hierarchy, numerical, coarsest, names)
+        tables: dict[str, Sequence[Tried]] = {
+            "physics": alone, "down": below.steps, "suspected": suspected, "numerics": numerical
+        }  # fmt: skip
+        panels = {"(a) left out": alone, "(b) suspected, and numerical choices": (*suspected, *numerical)}
+        drawn = [_panel(title, hierarchy, items) for title, items in panels.items() if items]
+        texts = {"scene": scene.name, "accuracy": accuracy, "least": LEAST_SHOWN}
+        return TEXTS.study(
+            texts,
+            answer=tuple(answer),
+            tables=(*(_table(hierarchy, id, items) for id, items in tables.items() if items), *_start_table(alone)),
+            figures=(TEXTS.figure("effects", drawn, **texts, columns=1),) if drawn else (),
+            verdicts=tuple(
+                TEXTS.verdict("broken", scene=scene.name, **vars(item))
+                for item in numerical
+                if item.outcome is Outcome.BROKEN
+            ),
+            notes=tuple(_notes(hierarchy, bench, numerical, names)),
+            provenance={"scene": scene.name, "scene_hash": scene.content_hash, "least_hash": below.scene.content_hash},
+        )
+
+    settings = {"accuracy": accuracy, "observables": observables, "window": window, "dashpot": dashpot}
+    settings |= {"spread": spread, "draws": draws, "numerics": numerics}
+    return recall_study("model-hierarchy", store, found, scene, engine, **settings)
 
 
 def _columns(names: Sequence[str]) -> list[Column]:
