@@ -30,7 +30,7 @@ KEPT = ROOT / "docs" / "bench.jsonl"
 #: in the order in which they run: those that record medians first, so that a run that is interrupted has told most
 BENCHMARKS = (
     "bench_backends", "bench_ensembles", "bench_lammps", "bench_paper", "bench_bars", "bench_integrators",
-    "bench_horizon", "bench_plan", "bench_scale", "bench_campaign",
+    "bench_horizon", "bench_plan", "bench_scale", "bench_campaign", "bench_studies",
 )  # fmt: skip
 #: standard deviations by which a median must exceed the last one to be slower
 DEVIATIONS = 3.0

@@ -25,6 +25,7 @@ LAST_LINES = {
     "bench_lammps": r"drag, LAMMPS - twin; order .*\d\.\de-\d\d; -?\d",
     "bench_paper": r"verify tiny: \d+\.\d s, again \d+\.\d s",
     "bench_plan": r"lammps-granular .*0\.01 ",
+    "bench_studies": r"energy +\d+\.\d +\d+\.\d",
     "bench_scale": r"64 chains on 2 processes: \d.* predicted, .* measured, ratio \d",
 }
 #: its exit code says whether numbers are as they must be, also on the tiny case (others judge times or many scenes)
@@ -38,7 +39,8 @@ def test_make_bench_runs_every_benchmark() -> None:
 
 
 #: the benchmarks that take 2 to 10 s of CPU on their tiny case; `make test-all` starts these too
-DEEP = ("bench_backends", "bench_campaign", "bench_horizon", "bench_lammps", "bench_paper", "bench_plan", "bench_scale")
+DEEP = ("bench_backends", "bench_campaign", "bench_horizon", "bench_lammps", "bench_paper", "bench_plan", "bench_scale",
+        "bench_studies")  # fmt: skip
 
 
 @pytest.mark.lammps
