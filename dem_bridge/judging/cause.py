@@ -31,7 +31,7 @@ from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, Fit
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
 from dem_bridge.judging.pairs import name_pair
 from dem_bridge.judging.samples import WORDS, sample_hypotheses
-from dem_bridge.judging.search import Search
+from dem_bridge.judging.search import LEAST_ERROR_OF_OTHER_SCENE, Search
 from dem_bridge.judging.stated import Statement, changed, statements, variant_of
 from dem_bridge.judging.step import step_error
 from dem_bridge.judging.without_fits import FEWEST_OTHER_MASSES, on_single_grid, other_masses, shipped_scene
@@ -47,6 +47,8 @@ BY_STEP = ("half-step-velocity", "first-order-integrator", "time-shift", "sampli
 LEAST_SHARE_OF_SINGLE_NOISE, LARGEST_SINGLE_NOISE = 0.3, 5.0
 #: ... and the error up to which such noise need not stand out from the error of the time step
 LARGEST_USUAL_NOISE = 1e-3
+#: error relative to the scale up to which a file is of another scene whatever fits may say
+LARGEST_ERROR_WITHOUT_FITS = 1e-3
 
 
 def diagnose(scene: Scene, records: Sequence[Record], floor: Mapping[str, float] | None = None) -> Diagnosis:
@@ -98,6 +100,7 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
     diagnosis = (
         by_statements(search, none, stated)
         or _of_other_masses(search)
+        or _of_shipped_scene(search, size, certain=True)
         or _beside(_by_fits(search, none, stated), stated)
     )
     if diagnosis.cause == "unknown":
@@ -122,14 +125,18 @@ def _of_other_masses(search: Search) -> Diagnosis | None:
     return Diagnosis(cause="wrong-scene", evidence=evidence)
 
 
-def _of_shipped_scene(search: Search, size: float) -> Diagnosis | None:
-    """Return the diagnosis of a file that is of another shipped scene; else None."""
-    shipped = shipped_scene(search.scene, search.data, size)
-    if shipped is None:
+def _of_shipped_scene(search: Search, size: float, *, certain: bool = False) -> Diagnosis | None:
+    """Return the diagnosis of a file that is of another shipped scene; else None.
+
+    ``certain``: only if no other hypothesis can explain a file of that scene, so that none needs a fit.
+    """
+    if certain and (size < LEAST_ERROR_OF_OTHER_SCENE or search.missing_bodies or on_single_grid(search.data)):
         return None
-    name, error = shipped
-    evidence = f"The file is of the scene {name}, from which it differs by {share(error)} of the largest value."
-    return Diagnosis(cause="wrong-scene", evidence=evidence)
+    shipped = shipped_scene(search.scene, search.data, size)
+    if shipped is None or (certain and not (shipped.error < LARGEST_ERROR_WITHOUT_FITS and shipped.differs_widely)):
+        return None
+    evidence = f"The file is of the scene {shipped.name}, from which it differs by {share(shipped.error)}"
+    return Diagnosis(cause="wrong-scene", evidence=f"{evidence} of the largest value.")
 
 
 def _foreign(search: Search, diagnosis: Diagnosis) -> Diagnosis:

@@ -306,6 +306,7 @@ def diagnosed(
         return SimpleNamespace(
             decision=decision, none="none", errors=np.array([0.0, size, 0.0]), fits=lambda: list(fits),
             data=SimpleNamespace(blocks=[]), exact=[], record=record, scene=scene, foreign=False,
+            missing_bodies=0,
         )  # fmt: skip
 
     def named(search: Any, none: Fit, fits: list[Fit], certain: bool) -> Diagnosis:
@@ -317,7 +318,7 @@ def diagnosed(
     plant(monkeypatch, Seam.STATEMENTS, lambda scene, record: [])
     plant(monkeypatch, Seam.STEP_ERROR, lambda decision, fit: None)
     for other in (Seam.OTHER_MASSES, Seam.SHIPPED_SCENE, Seam.NAME_PAIR):
-        plant(monkeypatch, other, lambda *args: None)
+        plant(monkeypatch, other, lambda *args, **named: None)
     return cause.diagnose(CHAIN, files or [SimpleNamespace(dt=None)], {"velocity": 1.0})
 
 

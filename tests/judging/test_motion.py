@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import DOP853
 
 from dem_bridge.judging import kernels
 from dem_bridge.judging.model import Model, Motion, system_of
@@ -327,3 +330,17 @@ def test_between_steps_are_polynomials_of_third_degree_and_lines() -> None:
         model.stepped_at(system, np.array([0.0, time]), 0.5)
         assert model.steps == steps
     assert model.method == kernels.VERLET
+
+
+def test_the_table_of_dop853_is_that_of_scipy_without_scipy_integrate() -> None:
+    nodes, weights, errors = Model(CHAIN)._pair
+    assert np.array_equal(nodes, DOP853.A)
+    assert np.array_equal(weights, DOP853.B)
+    assert np.array_equal(errors, [DOP853.E3, DOP853.E5])
+    code = (
+        "import sys, dem_bridge as db; from dem_bridge.judging import beside, model;"
+        "model.Model(db.load_scene('decelerating-40'));"
+        "print(*{'scipy.integrate', 'scipy.optimize', 'scipy.linalg', 'matplotlib', 'jinja2'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []

@@ -12,7 +12,9 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.judging.judgement import Judgement
+from dem_bridge.judging.search import Search
 from dem_bridge.judging.sentences import text_of
+from dem_bridge.judging.without_fits import _differs_widely
 from tests.helpers.own_code import FAULTS, Chain, Output, chain, planted, run, write
 
 #: steps in the duration of the chain, steps between rows, and length of the run over the duration
@@ -136,9 +138,25 @@ def test_faults_of_one_motion_say_which_files_would_tell(masses: float, cause: s
     assert np.all(["1.03" in told.evidence, f"{masses:g}" in told.evidence])
 
 
-def test_a_file_of_another_shipped_scene_is_recognised(tmp_path: Path) -> None:
+def test_a_file_of_another_shipped_scene_is_recognised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(Search, "fits")  # these are 500 motions, which no file of quite another chain needs
     run_of = db.solve("decelerating-40", backend="verlet", dt=2e-7, uncertainty=False)
     db.write_trajectory(run_of, db.load_scene("decelerating-40"), tmp_path / "run.csv", layout="wide")
     judgement = db.judge((tmp_path / "run.csv", 2e-7), "accelerating-40")
     assert (judgement.cause, judgement.outcome) == ("wrong-scene", "FAIL")
     assert "the scene decelerating-40" in judgement.evidence
+
+
+@pytest.mark.parametrize(
+    ("name", "widely"),
+    [
+        ("accelerating-40", True),
+        ("stacked-40", False),
+        ("decelerating-40-heavier", False),
+        ("decelerating-40-gaps", False),
+        ("decelerating-40-soft-exponent", False),
+        ("decelerating-40-scattered", False),
+    ],
+)
+def test_a_scene_that_a_hypothesis_may_explain_is_examined_by_fits(name: str, widely: bool) -> None:
+    assert _differs_widely(db.load_scene("decelerating-40"), db.load_scene(name)) is widely
