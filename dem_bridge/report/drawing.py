@@ -73,6 +73,8 @@ _ON_SHEET, _IN_NOTEBOOK = (9.0, 8.0), (11.0, 9.0)
 _LETTERS = 8.4
 #: letters of a label of a y axis in a line: a panel is 2 inches high
 _LETTERS_OF_Y = 30
+#: letters of a label of an x axis that may stand out beside a panel
+_LETTERS_OF_X = 15
 #: largest number of markers of a series without a line, and along a line
 _MARKS, _MARKS_ON_LINE = 24, 9
 #: least uncertainty that is drawn, relative to the largest value: a third of the width of a line on a panel
@@ -246,7 +248,7 @@ def panel_boxes(figure: Figure) -> list[tuple[float, float, float, float]]:
     axes = figure.get_axes()
     bars = [ax for ax in axes if ax.get_label() == "<colorbar>"]
     panels = [ax for ax in axes if ax not in bars]
-    if len(panels) < 2 or not all(ax.get_ylabel() and ax.get_visible() for ax in panels):
+    if len(panels) < 2 or not all(ax.get_visible() and _names_rows(ax) for ax in panels):
         return []
     # what is visible has a box
     boxes = [box for ax in panels if (box := ax.get_tightbbox(renderer)) is not None]
@@ -259,6 +261,11 @@ def panel_boxes(figure: Figure) -> list[tuple[float, float, float, float]]:
     scale, height = 72.0 / figure.dpi, figure.bbox.height
     padded = [box.padded(3.0) for box in (*legends, *boxes)]
     return [(scale * b.x0, scale * (height - b.y1), scale * b.width, scale * b.height) for b in padded]
+
+
+def _names_rows(ax: Axes) -> bool:
+    """Return True if a panel can stand alone: it has a label of its y axis, or the names of its rows."""
+    return bool(ax.get_ylabel()) or any(text.get_visible() and text.get_text() for text in ax.get_yticklabels())
 
 
 def _draw_map(ax: Axes, data: Map, limits: tuple[float, float]) -> Any:
@@ -285,17 +292,17 @@ def _colour_bar(figure: FigureBase, image: Any, axes: Sequence[Axes], label: str
     bar.ax.locator_params(nbins=6)
 
 
-def _draw_series(ax: Axes, line: Series, *, on_map: bool, least: float) -> None:
-    """Draw a series with its markers, and uncertainties above ``least`` of its largest value."""
+def _draw_series(ax: Axes, line: Series, panel: Panel, least: float) -> None:
+    """Draw a series of a panel with its markers, and uncertainties above ``least`` of its largest value."""
     style = style_of(line.style)
     n = len(line.x)
     if line.style == "band" and line.bar is not None:
         ax.fill_between(line.x, line.y - line.bar, line.y + line.bar, label=line.label, **style)
         return
-    if on_map:
+    if panel.map is not None:
         style = style_on_map(line.style)
-    elif line.style.startswith("curve/") or line.style == "below":
-        pass  # all points are marked, because each is a setting
+    elif line.style.startswith("curve/") or line.style == "below" or panel.rows:
+        pass  # all points are marked, because each is a setting, or a result of a row
     elif style["linestyle"] == "none":
         every = max(1, -(-n // _MARKS))
         # markers of two series that agree are placed side by side
@@ -329,7 +336,7 @@ def _draw_lines(ax: Axes, panel: Panel, inches: float, sizes: tuple[float, float
     if panel.bars:
         _draw_bars(ax, panel)
     for line in panel.series if not panel.bars else ():
-        _draw_series(ax, line, on_map=panel.map is not None, least=_LEAST_BAR if sizes == _ON_SHEET else 0.0)
+        _draw_series(ax, line, panel, _LEAST_BAR if sizes == _ON_SHEET else 0.0)
     _label(ax, panel, inches, sizes)
 
 
@@ -345,7 +352,8 @@ def _label(ax: Axes, panel: Panel, inches: float, sizes: tuple[float, float]) ->
         ax.annotate(
             notes, (0.0, 1.0), xytext=(0.0, 4.0), xycoords="axes fraction", textcoords="offset points", fontsize=small
         )
-    ax.set(xlabel=panel.x_label, ylabel=textwrap.fill(panel.y_label, _LETTERS_OF_Y))
+    ax.set_xlabel(textwrap.fill(panel.x_label, _LETTERS_OF_X + int(_LETTERS * inches)))
+    ax.set_ylabel(textwrap.fill(panel.y_label, _LETTERS_OF_Y))
     set_scales(ax, panel, inches)
     if panel.map is None:
         ax.grid(alpha=0.25, which="both")

@@ -35,6 +35,8 @@ _DARK, _LIGHT = "#010101", "#fefefe"
 _ON_MAP = {"bca": (_LIGHT, "none"), "adiabatic": (_LIGHT, "-.")}
 #: a front that lies on that of the map has markers at every fifth body, between which the map is seen
 _ON_FRONT = {"marker": "o", "markersize": 4.5, "markerfacecolor": "none", "markevery": (4, 5)}
+#: width, with names beside the lines, below which numbers at 1, 2 and 5 of a decade cover each other, inches
+_NARROW = 3.0
 #: digits and sign of a power
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 #: bars of a row: fill and hatching
@@ -170,7 +172,7 @@ def set_scales(ax: Axes, panel: Panel, inches: float) -> None:
     if panel.rows:
         _set_rows(ax, panel, xs)
     elif panel.log and _decades(xs) is not None and _decades(ys) is not None:
-        _set_logarithmic(ax, xs, ys)
+        _set_logarithmic(ax, xs, ys, inches)
     else:
         _set_linear(ax, xs, inches)
         if panel.log_y and _decades(ys) is not None:
@@ -192,16 +194,24 @@ def _set_rows(ax: Axes, panel: Panel, xs: Sequence[NDArray[np.float64]]) -> None
         positive = np.concatenate([x[x > 0.0] for x in xs])
         if decades > 4.0 and positive.min() < 1e-9:  # a scale of errors, from below round-off to one
             ax.set_xlim(min(1e-14, 0.3 * positive.min()), max(2.0, 3.0 * positive.max()))
-        ax.xaxis.set_major_locator(LogLocator(numticks=5 if decades > 4.0 else None))
+        few = LogLocator(subs=(1.0, 2.0, 5.0)) if decades < 2.0 else LogLocator(numticks=5 if decades > 4.0 else None)
+        ax.xaxis.set_major_locator(few)
+        ax.xaxis.set_minor_formatter(NullFormatter())
         ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten if decades > 4.0 else _plain))
 
 
-def _set_logarithmic(ax: Axes, xs: Sequence[NDArray[np.float64]], ys: Sequence[NDArray[np.float64]]) -> None:
-    """Set two logarithmic axes, with more ticks where they span fewer decades."""
+def _set_logarithmic(
+    ax: Axes, xs: Sequence[NDArray[np.float64]], ys: Sequence[NDArray[np.float64]], inches: float
+) -> None:
+    """Set two logarithmic axes, with more ticks where they span fewer decades and have room for their numbers."""
     ax.set(xscale="log", yscale="log")
     for axis, values in ((ax.xaxis, xs), (ax.yaxis, ys)):
         decades = _decades(values) or 0.0
-        subs = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if decades < 0.7 else (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
+        subs: tuple[float, ...] = (
+            (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if decades < 0.7 else (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
+        )
+        if axis is ax.xaxis and inches < _NARROW and 1.3 < decades < 2.0:
+            subs = (1.0, 3.0)
         axis.set_major_locator(LogLocator(subs=subs))
         axis.set_major_formatter(FuncFormatter(power_of_ten if decades >= 3.0 else _plain))
         axis.set_minor_formatter(NullFormatter())

@@ -314,7 +314,7 @@ def typeset(text: str) -> Markup:
     >>> str(typeset("v_max in f_exponent,mass.csv and f_one.csv"))
     'v<sub>max</sub> in f_exponent,mass.csv and f_one.csv'
     """
-    html = str(escape(text))
+    html = str(escape(text)).replace("+-", "±")
     html = re.sub(r"\b(beta|[A-Za-z])_(\w+)(?!\S*\.[a-z])", r"\1<sub>\2</sub>", html)  # names of files stay
     html = re.sub(r"\^(\([^)]*\)|[\d.]*\d)", r"<sup>\1</sup>", html)
     html = re.sub(

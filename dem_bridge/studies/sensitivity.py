@@ -123,7 +123,8 @@ def _study(
     if allowed <= VARIED[vary][1]:
         confirmed = _deviation(replace(variation, vary={vary: allowed}, seed=seed + 1), executor)
     place = "body" if vary in ("mass", "velocity") else "contact"
-    texts = {"scene": scene.name, "place": place, "vary": vary, "spread": size, "unit": unit, "chains": indices.chains}
+    named = "(relative)" if unit == "relative" else unit
+    texts = {"scene": scene.name, "place": place, "vary": vary, "spread": size, "unit": named, "chains": indices.chains}
     columns = (
         Column("standard deviation of each number", Unit(unit)),
         Column("standard deviation of the arrival", RELATIVE),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -380,4 +381,41 @@ def test_each_panel_has_its_box_with_its_bar_and_names_of_rows_are_not_cut_off()
         assert -4.0 < left < left + wide < width + 4.0
         assert -4.0 < top < top + high < height + 4.0
     rows = _panel("(a)", series=(Series(label="a", style="mark-2", x=X[:2] + 1.0, y=np.arange(2.0)),), rows=("b", "c"))
-    assert panel_boxes(fix_layout(draw_figure(_figure(replace(rows, y_label=""), replace(rows, y_label=""))))) == []
+    alone = fix_layout(draw_figure(_figure(replace(rows, y_label=""), replace(rows, y_label=""))))
+    assert len(panel_boxes(alone)) == len(alone.legends) + 2
+    for text in alone.axes[1].get_yticklabels():
+        text.set_visible(False)  # as in panels that share the names of the first
+    assert panel_boxes(alone) == []
+
+
+def test_all_points_of_a_row_are_marked_and_not_all_of_a_curve() -> None:
+    many = Series(label="a", style="mark-2", x=np.arange(1.0, 401.0), y=np.zeros(400))
+    marked = [
+        draw_figure(_figure(_panel("(a)", series=(many,), rows=rows))).axes[0].get_lines()[0].get_markevery()
+        for rows in (("b",), ())
+    ]
+    assert marked[0] is None
+    assert isinstance(marked[1], tuple)
+    assert marked[1][1] > 1
+
+
+def test_a_long_label_of_the_x_axis_is_not_cut_off_at_the_edge() -> None:
+    panel = replace(_panel("(a)", series=(Series(label="a", style="reference", x=X, y=X),)), x_label="many words " * 8)
+    figure = fix_layout(draw_figure(_figure(panel, panel, panel)))
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    for ax in figure.axes:
+        box = ax.xaxis.label.get_window_extent(renderer)
+        assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
+
+
+def test_numbers_of_a_logarithmic_axis_beside_names_do_not_cover_each_other() -> None:
+    x = np.geomspace(7e-4, 0.025, 9)
+    lines = tuple(Series(label=22 * "W" + str(k), style="mark-2", x=x, y=10.0**k * x**2) for k in range(6))
+    panel = replace(_panel("(a)", series=lines), log=True)
+    figure = fix_layout(draw_figure(_figure(panel, panel)))
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    for ax in figure.axes:
+        boxes = [text.get_window_extent(renderer) for text in ax.get_xticklabels() if text.get_text()]
+        seen = sorted((box.x0, box.x1) for box in boxes if ax.bbox.x0 <= (box.x0 + box.x1) / 2.0 <= ax.bbox.x1)
+        assert len(seen) >= 2
+        assert all(one[1] < other[0] for one, other in itertools.pairwise(seen))

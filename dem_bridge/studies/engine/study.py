@@ -360,8 +360,8 @@ def _figure(rows: Sequence[Row]) -> FigureData:
         for nth, (at, label) in enumerate(((1, "tsuji"), (3, "coeff_restitution")), start=1):
             series.append(Series(label=label, style=f"mark-{nth}", x=written[0], y=written[at]))
     laws = tuple(dict.fromkeys(_name(row) for row in rows))
-    points = [Series(label="tolerance", style="guide", x=np.full(2, TOLERANCE), y=np.array([-0.5, len(laws) - 0.5]))]
-    for nth, state in enumerate((RIGHT, WRONG), start=1):
+    points = [Series(label="tolerance", style="fit", x=np.full(2, TOLERANCE), y=np.array([-0.5, len(laws) - 0.5]))]
+    for state, style in ((RIGHT, "mark-4"), (WRONG, "mark-3")):
         # marks that would hide each other are one
         shown = {
             (round(math.log10(max(row.difference, LEAST_SHOWN)), 1) if row.cause != NOT_A_NUMBER else 0.0, _name(row))
@@ -370,7 +370,7 @@ def _figure(rows: Sequence[Row]) -> FigureData:
         }
         x = np.array([10.0**power for power, _ in sorted(shown)])
         y = np.array([float(laws.index(name)) for _, name in sorted(shown)])
-        points.append(Series(label=state, style=f"mark-{nth}", x=x, y=y))
+        points.append(Series(label=state, style=style, x=x, y=y))
     panels = [TEXTS.panel("restitution", series), TEXTS.panel("differences", points, rows=laws)]
     return TEXTS.figure("engine-impacts", panels, least=LEAST_SHOWN)
 

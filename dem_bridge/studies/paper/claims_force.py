@@ -196,7 +196,7 @@ def _solitary(runs: Runs) -> Claim:
             allowed = _settled(result.by_force_uncertainty)
             within = f"within its uncertainty of {np.max(allowed):.1e}"
         outcomes.append(Outcome.PASS if bool(np.all(away <= allowed)) else Outcome.FAIL)
-        each.append({"code": name, "deviation": np.max(away), "within": within})
+        each.append({"code": "LAMMPS" if name == "lammps" else name, "deviation": np.max(away), "within": within})
     wave = exact("exact wave of the discrete chain", truth, "")
     return claim("solitary", together(*outcomes), wave, values, each=each, exact=truth, settled=SETTLED)
 

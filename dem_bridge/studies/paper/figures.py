@@ -18,10 +18,10 @@ from dem_bridge.studies.paper.panels import GUIDE, ChainRuns, Ratios
 
 DECELERATING, ACCELERATING = map(PAPER, ("decelerating", "accelerating"))
 GRADIENTS = (
-    "(a) 2° to 90°, gamma = -0.01",
-    "(b) 2° to 90°, gamma = +0.01",
-    "(d) 90° to 2°, gamma = -0.01",
-    "(e) 90° to 2°, gamma = +0.01",
+    "(a) 2° to 90°, γ = -0.01",
+    "(b) 2° to 90°, γ = +0.01",
+    "(d) 90° to 2°, γ = -0.01",
+    "(e) 90° to 2°, γ = +0.01",
 )
 #: ends of maps, in units of the arrival at the last body: on that of the short chain the secondary pulses are visible
 _SHORT, _LONG = 1.3, 1.1

@@ -124,7 +124,8 @@ def wave_speeds(title: str, chain: ChainRuns, *, shares: tuple[int, ...]) -> Pan
     fit = speed_power_law(chain.scene, chain.reference)
     i = np.arange(fit.first, fit.last + 1)
     fitted = Series(label="fit", style="fit", x=i.astype(float), y=fit.speed(i))
-    note = f"fit: b1 = {fit.b1:.4g}, b2 = {fit.b2:.4g} (m/s)^{fit.exponent:g}, to {fit.residual:.2%} rms"
+    terms = f"b1 = {1e-6 * fit.b1:.4g}, b2 = {1e-6 * fit.b2:.4g} in 10⁶ (m/s)^{fit.exponent:g}"
+    note = f"fit: {terms}, to {100.0 * fit.residual:.2f} % rms"
     series, same = _once(list(_along(chain, "wave_speed")))
     panel = _panel(title, "cylinder", "wave speed (m/s)", [*series, fitted], shares, note)
     return replace(panel, notes=(*panel.notes, same) if same else panel.notes)
@@ -227,7 +228,7 @@ def speed_ratios(title: str, ratios: Ratios, backends: Sequence[str] = EVERY) ->
     gammas = np.array([gamma for gamma, _ in ratios])
     return Panel(
         title=title,
-        x_label="gamma (1/cylinder)",
+        x_label="γ (1/cylinder)",
         y_label="V_out / V_in",
         series=tuple(
             _series(name, gammas, np.array([ratio.get(name, np.nan) for _, ratio in ratios]))

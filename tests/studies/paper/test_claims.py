@@ -260,7 +260,7 @@ SAID: dict[str, Callable[[Claim], list[str]]] = {
     "force-exponent-decelerating": lambda one: _of_windows(one),
     "force-exponent-accelerating": lambda one: _of_windows(one),
     "compression": lambda one: [
-        *_each("{:.4g} um for", "formula", 1e6)(one), *_each("gives {:.4g} um", "paper", 1e6)(one)
+        *_each("{:.4g} µm for", "formula", 1e6)(one), *_each("gives {:.4g} µm", "paper", 1e6)(one)
     ],
     "mass-decelerates": lambda one: [f"{_values(one)[i]:.4f}" for i in (0, 2, 4)],
     "mass-accelerates": lambda one: [f"{_values(one)[i]:.4f}" for i in (0, 2, 4)],

@@ -156,7 +156,7 @@ def test_the_fit_of_the_speed_finds_the_power_that_made_it(made_up: ChainRuns) -
     panel = figure_3(made_up, made_up).panels[2]
     line = _series(panel, "fit")
     np.testing.assert_allclose(line.y, (4e8 - 5e6 * line.x) ** 0.4, rtol=1e-8)
-    assert panel.notes == ("fit: b1 = 4e+08, b2 = -5e+06 (m/s)^2.5, to 0.00% rms",)
+    assert panel.notes == ("fit: b1 = 400, b2 = -5 in 10⁶ (m/s)^2.5, to 0.00 % rms",)
 
 
 def test_spectra_of_a_gaussian_pulse_are_those_of_the_formula(made_up: ChainRuns) -> None:
