@@ -338,6 +338,17 @@ def available() -> dict[str, Availability]:
     return {name: availability(name) for name in backend_names()}
 
 
+def refuse_settings(scene: Scene, backend: str | None, settings: Mapping[str, Any]) -> None:
+    """Raise the error with which :func:`solve` refuses a backend or settings of it, before anything is computed."""
+    _resolution({**settings, "scene": scene})
+    _check_settings(settings.get("dt"), settings.get("accuracy"))
+    if backend is not None:
+        keys = ("engine", "lmp", "lmp_args", "python", "ranks")
+        solver = _backend(backend, Engine.named(**{key: settings.get(key) for key in keys}))
+        if reason := unsupported_reason(solver, scene):
+            raise UnsupportedScene(f"{solver.name} cannot do {scene.name}: {reason}")
+
+
 def _cheapest(scene: Scene, accuracy: object, sampling: Sampling) -> str:
     """Return the cheapest backend for an accuracy, of those whose uncertainty can be brought within it."""
     from dem_bridge.runs.planning.planner import plan_for

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from dem_bridge.cli import waiting
 from dem_bridge.cli.options import ACCURACY, AS_JSON, DT, FOLDER, LAMMPS, TIME_LIMIT, VARIABLES
 from dem_bridge.cli.parameters import Argument, make_command, print_json
 from dem_bridge.foundation.files import check_future_report_folder
+from dem_bridge.scene.shipped import file_of_shipped, missing_scene
 
 #: range of the cost that is said beforehand, relative to the expected one: a step that is too coarse costs more runs
 _RANGE_OF_COST = (0.7, 2.0)
@@ -46,6 +48,8 @@ def check(file: str, as_json: bool = False, folder: Path | None = None, **settin
         check_future_report_folder(folder)
     if "variables" in settings:
         settings["variables"] = dict(settings["variables"])
+    if file_of_shipped(file) is None and not os.path.lexists(file):
+        raise missing_scene(file)  # before anything is imported that reads and runs scripts
     with waiting.bar(label=f"check of {file}") as progress:
         answer = dem_bridge.check(file, progress=progress, announce=lambda cost: _announce(file, cost), **settings)
     if folder is not None:

@@ -77,7 +77,10 @@ def run(
 
             check_output(scene, output, force)
             format_of(output)
+        from dem_bridge.api.runs import refuse_settings
+
         known = dem_bridge.load_scene(scene)
+        refuse_settings(known, backend, settings)
         waiting.announce_compiling()
         result = dem_bridge.solve(known, backend=backend, **settings)
     warn_of_engine(result)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from dem_bridge.errors import UsageError
+from dem_bridge.errors import SceneError, UsageError, meant
 from dem_bridge.foundation.arguments import check_arguments
 
 _PACKAGE = Path(__file__).parents[1]
@@ -103,3 +103,10 @@ def _count_pattern(pattern: Mapping[str, Any]) -> int:
     first = repeat if step is None else step["from"]
     count: int = first * len(pattern["cell"]) + (0 if step is None else (repeat - first) * len(step["cell"]))
     return count + ((count - 1) // pattern["decorate"].get("every", 1) if "decorate" in pattern else 0)
+
+
+def missing_scene(name: str) -> SceneError:
+    """Return the error of a name that is neither a shipped scene nor a file."""
+    allowed = f"{', '.join(shipped_scenes()[:6])}, ... (dem-bridge scenes lists them), or the path of a .toml file"
+    advice = meant(name, shipped_scenes("all"))
+    return SceneError("", problem="there is no such scene or file", allowed=allowed, advice=advice, where=name)

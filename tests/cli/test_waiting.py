@@ -7,8 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
-from dem_bridge.cli import waiting
+from dem_bridge.cli import main, waiting
 from dem_bridge.foundation import kernel_folders
 from dem_bridge.foundation.progress import campaign
 from tests.helpers.processes import happens, pause
@@ -49,7 +50,7 @@ except ImportError:
         ("verify tapered-backward", "the steps of the runs are chosen"),
         ("judge a.csv --scene tapered-backward", "the reference solution of tapered-backward, and fits to a.csv"),
         ("plan tapered-backward --accuracy 1e-5", "tapered-backward: the cheapest settings for 1e-05"),
-        ("check in.chain", "check of in.chain"),
+        ("check decelerating-40", "check of decelerating-40"),
         pytest.param("study order tapered-backward", "study order is loaded", marks=pytest.mark.studies),
         ("compare a.csv b.nc", "a.csv and b.nc are compared"),
         ("convert a.nc -o b.csv", "a.nc is converted"),
@@ -108,3 +109,32 @@ def test_compiling_is_announced_until_a_kernel_is_on_disk(
     assert capsys.readouterr().err == ""
     waiting.announce_compiling("taylor")
     assert capsys.readouterr().err == words
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("decelerating-40", "--backend", "verlet", "--dt", "1e-8", "--accuracy", "1e-3"), "dt and accuracy are both"),
+        (("mfix-dem-01", "--backend", "bca"), "bca cannot do mfix-dem-01"),
+        (("decelerating-40", "--backend", "lammps-granular", "--lmp", "gone"), "gone"),
+    ],
+)
+def test_a_run_that_is_refused_announces_no_kernels(
+    words: tuple[str, ...], why: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("dem_bridge.foundation.kernel_folders.folders_to_read", lambda: (tmp_path,))
+    done = CliRunner().invoke(main, ["run", *words])
+    assert done.exit_code in (2, 3)
+    assert "kernels are compiled" not in done.stderr
+    assert why in done.stderr
+
+
+def test_a_check_of_nothing_is_refused_before_anything_is_imported() -> None:
+    code = (
+        "import sys; from dem_bridge.cli import group\n"
+        "try: group.main(['check', 'in.nosuch'])\n"
+        "except SystemExit as end: print(end.code, *{'numpy', 'pydantic', 'numba', 'rich'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["2"], done.stderr
+    assert done.stderr.startswith("dem-bridge: in.nosuch: there is no such scene or file; allowed: ")

@@ -33,7 +33,7 @@ from dem_bridge.scene.file.forms import CylinderScene, Environment, PatternScene
 from dem_bridge.scene.file.impact import ImpactScene, from_impact
 from dem_bridge.scene.file.measured_force import with_force_of_file
 from dem_bridge.scene.scene import Scene
-from dem_bridge.scene.shipped import file_of_shipped, shipped_scenes
+from dem_bridge.scene.shipped import file_of_shipped, missing_scene
 from dem_bridge.version import advice_on_schema
 
 #: the two main examples: the paper's chains of figures 2 and 3
@@ -93,9 +93,7 @@ def _text_of(source: str | Path) -> tuple[str, str, Path]:
     except (OSError, ValueError):  # the name is too long or contains a NUL
         exists = False
     if not exists:
-        allowed = f"{', '.join(shipped_scenes()[:6])}, ... (dem-bridge scenes lists them), or the path of a .toml file"
-        advice = meant(name, shipped_scenes("all"))
-        raise SceneError("", problem="there is no such scene or file", allowed=allowed, advice=advice, where=name)
+        raise missing_scene(name)
     try:
         return text_of_file(path), name, path.parent
     except OSError as error:
