@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -11,8 +12,10 @@ import numpy as np
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.formats.readers.record import Record
 from dem_bridge.foundation.wording import share
+from dem_bridge.judging import kernels
 from dem_bridge.judging.diagnosis import (
     ERROR_OF_UNKNOWN_METHOD,
+    LARGEST_SHARE_AT_REST,
     LEAST_EFFECT_FLOORS,
     PRIORITY,
     RIGHT,
@@ -27,9 +30,9 @@ from dem_bridge.judging.diagnosis import (
     priority,
     sentence,
 )
-from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, Fit
+from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, Fit, Stepping
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
-from dem_bridge.judging.pairs import name_pair
+from dem_bridge.judging.pairs import after_faults, at_once, name_pair
 from dem_bridge.judging.samples import WORDS, sample_hypotheses
 from dem_bridge.judging.search import LEAST_ERROR_OF_OTHER_SCENE, Search
 from dem_bridge.judging.stated import Statement, changed, statements, variant_of
@@ -41,6 +44,8 @@ from dem_bridge.scene.scene import Scene
 LEAST_UNSTABLE_DIFFERENCE = 1e12
 #: files that are examined
 MOST_FILES = 3
+#: processor time, s, after which no further fit is begun for one file
+MOST_SECONDS_OF_SEARCH = 60.0
 #: causes whose effect grows with the time step
 BY_STEP = ("half-step-velocity", "first-order-integrator", "time-shift", "sampling-shift")
 #: noise of single precision: what the nearest hypothesis leaves at least, and the largest error relative to the scale
@@ -75,10 +80,11 @@ def _diagnose_files(scene: Scene, records: Sequence[Record], floor: Mapping[str,
     return first
 
 
-def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> Diagnosis:
-    """Return the diagnosis of one file."""
+def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float], until: float | None = None) -> Diagnosis:
+    """Return the diagnosis of one file; ``until`` is the processor time, s, at which the search ends."""
     search = Search(scene, record, floor)
     none = search.decision.decide(search.none, np.zeros(0))
+    search.data.until = time.process_time() + MOST_SECONDS_OF_SEARCH if until is None else until
     if explained(none):
         return Diagnosis(
             cause="none",
@@ -103,20 +109,42 @@ def _diagnose_file(scene: Scene, record: Record, floor: Mapping[str, float]) -> 
         or _of_shipped_scene(search, size, certain=True)
         or _beside(_by_fits(search, none, stated), stated)
     )
+    if diagnosis.cause == "unknown" and not stated and (by_step := _of_unknown_method(search, none)) is not None:
+        return by_step
     if diagnosis.cause == "unknown":
         diagnosis = (
             _of_shipped_scene(search, size)
             or _beside_statements(search, stated, floor)
             or (_foreign(search, diagnosis) if search.foreign else name_pair(search, none))
+            or _of_other_masses(search, reordered=True)
             or diagnosis
         )
+    if diagnosis.cause == "unknown" and search.data.over:
+        ended = f" The search ended after {MOST_SECONDS_OF_SEARCH:g} s of processor time, its limit."
+        diagnosis = replace(diagnosis, evidence=f"{diagnosis.evidence}{ended}")
     return replace(diagnosis, evidence=_all_zero(search) + diagnosis.evidence)
 
 
-def _of_other_masses(search: Search) -> Diagnosis | None:
-    """Return the diagnosis of a file whose momentum is conserved with other masses of several bodies; else None."""
+def _of_unknown_method(search: Search, none: Fit) -> Diagnosis | None:
+    """Return the diagnosis of a file that errs no more than a method of second order at its step; else None."""
+    decision, dt = search.decision, search.data.dt
+    if dt is None or not decision.within_step(none) or decision.error_at_rest() > LARGEST_SHARE_AT_REST * none.error:
+        return None
+    size = float(np.max(search.errors))
+    words = f"The difference is {share(size)} of the largest value, as methods of second order err at this step."
+    by_verlet = replace(none, stepping=Stepping(kernels.VERLET, dt))
+    return Diagnosis(cause="none", evidence=words, step=step_error(decision, by_verlet))
+
+
+def _of_other_masses(search: Search, *, reordered: bool = False) -> Diagnosis | None:
+    """Return the diagnosis of a file whose momentum is conserved with other masses of several bodies; else None.
+
+    Masses that may be those of the scene in another order, but for one or two, count only if they are ``reordered``.
+    """
     masses = other_masses(search.scene, search.data)
-    if masses is None or masses.reordered or len(masses.differing) < FEWEST_OTHER_MASSES:
+    if masses is None or len(masses.differing) < FEWEST_OTHER_MASSES:
+        return None
+    if masses.out_of_order == 0 or (masses.out_of_order < FEWEST_OTHER_MASSES) != reordered:
         return None
     evidence = (
         f"Momentum is conserved if the masses are {masses.words()} times those of the scene, relative to the median"
@@ -220,15 +248,20 @@ def _beside_statements(search: Search, stated: Sequence[Statement], floor: Mappi
         scene = changed(search.scene, changes)
     except DemBridgeError:
         return None
-    rest = _diagnose_file(scene, replace(search.record, stated={}), floor)
+    rest = _diagnose_file(scene, replace(search.record, stated={}), floor, search.data.until)
     if rest.cause in ("none", "unknown", "wrong-scene"):
         return None
     first = stated[0]
     words = _and(statement.words for statement in stated)
     fault = Fault(first.cause, first.where, f"{words[:1].upper()}{words[1:]}.")
     others = rest.faults or (Fault(rest.cause, rest.where, rest.evidence),)
-    evidence = f"Two faults at once: {fault.sentence} {rest.evidence}"
-    return replace(rest, cause=first.cause, where=first.where, evidence=evidence, faults=(fault, *others))
+    return replace(
+        rest,
+        cause=first.cause,
+        where=first.where,
+        evidence=f"{at_once(fault.sentence, 1 + len(others))} {after_faults(rest.evidence)}",
+        faults=(fault, *others),
+    )
 
 
 def _certain(variant: Variant, cause: str) -> Hypothesis:

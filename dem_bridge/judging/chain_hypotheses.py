@@ -104,7 +104,7 @@ def _exponents(change: Changes) -> Iterator[Hypothesis]:
         "exponent",
         lambda p: Variant(change.bent(p[0], factor=factor_of(p[1]))),
         f"{words}, and stiffness over mass is {{2:.6g}} +- {{3:.2g}} times the number of the scene.",
-        ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0)),
+        ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0), (0.5, 0.0), (-0.5, 0.0)),
         numbers=numbers,
         bounds=(-1.4, 3.0),
         together=("exponent", "stiffness-scale"),
@@ -126,9 +126,18 @@ def common_factor(scene: Scene, model: Model) -> Hypothesis:
     )
 
 
-def equal_radii(scene: Scene) -> bool:
-    """Return whether a factor sqrt(R*) may be the same for all contacts: a scene of numbers alone has no radii."""
-    return scene.geometry is None or len({body.radius for body in scene.geometry.bodies}) == 1
+def lacking_radius(scene: Scene, factor: float, within: float) -> float | None:
+    """Return the radius, m, whose root all stiffnesses lack if they have one ``factor``; None if it is none of them.
+
+    All effective radii are equal then, or the walls have them all; ``within`` is relative. A scene of numbers alone has
+    no radii.
+    """
+    if scene.geometry is None:
+        return None
+    radii = np.array([body.radius for body in scene.geometry.bodies])
+    reduced = effective(radii)[1:-1]
+    equal = [values[0] for values in (reduced, radii, 0.5 * radii) if len(values) and np.ptp(values) < 1e-9 * values[0]]
+    return next((float(radius) for radius in equal if abs(factor * math.sqrt(radius) - 1.0) < within), None)
 
 
 def uniform_name(scene: Scene, factor: float, within: float) -> str:
@@ -137,8 +146,7 @@ def uniform_name(scene: Scene, factor: float, within: float) -> str:
         return "stiffness-scale"
     body = scene.geometry.bodies[0]
     loss = 1.0 - body.material.poissons_ratio**2
-    radii = (body.radius, 0.5 * body.radius) if equal_radii(scene) else ()
-    if any(abs(factor * math.sqrt(radius) - 1.0) < within for radius in radii):
+    if lacking_radius(scene, factor, within) is not None:
         return "missing-sqrt-radius"
     if any(abs(factor / ratio - 1.0) < within for ratio in (2.0 * loss, loss, 2.0, 1.0 / loss, 0.5)):
         return "modulus"

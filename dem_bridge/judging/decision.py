@@ -33,6 +33,12 @@ SHARES_OF_LEADING_SAMPLES = (0.1, 0.2, 0.4, 0.6, 0.8)
 MOST_STEPS_OF_ONE_RUN = 10_000_000
 #: steps that are tried in a row, each found from the error at the one before
 MOST_STEPS_IN_A_ROW = 10
+#: methods of second order whose errors show what a right method that is not known may make of a step
+METHODS_OF_SECOND_ORDER = (kernels.VERLET, kernels.DRIFT_FIRST)
+#: error, relative to the scale of a quantity, up to which that of a method that is not known is put down to its step
+LARGEST_ERROR_OF_STEP = 0.01
+#: errors of a method of second order beside the largest of these: Adams-Bashforth has 5/12 where Verlet has 1/12
+LARGEST_MULTIPLE_OF_STEP_ERROR = 2.0
 
 
 class Decision:
@@ -78,7 +84,7 @@ class Decision:
             return best
         for trial in self._stepped(hypothesis, best, rival):
             best = trial if trial.rms < best.rms else best
-            if best.rms < RMS_NOISES_AT_END:
+            if best.rms < RMS_NOISES_AT_END or self.data.over:
                 break
         return best
 
@@ -310,6 +316,32 @@ class Decision:
         left = self.data.largest(by_steps if stepping is not None else self.exact, self._values)
         floors = map(max, self.data.floors, self.data.largest(by_steps, self.exact))
         return max(difference / floor for difference, floor in zip(left, floors, strict=True))
+
+    def within_step(self, fit: Fit) -> bool:
+        """Return whether what a fit leaves is no more than a method of second order errs by at the step of the file.
+
+        Right codes have many methods, of which a few are repeated step by step. The errors of others are some times
+        those of velocity Verlet.
+        """
+        variant = fit.hypothesis.make(fit.parameters)
+        dt, end = self.data.dt, float(self.data.time[-1])
+        if dt is None or end / dt > MOST_STEPS_OF_ONE_RUN or variant.method not in (None, kernels.VERLET):
+            return False
+        with np.errstate(all="ignore"):
+            left = self.data.largest(self._predicted(variant, fit.stepping), self._values)
+            free = variant._replace(method=None, dt=None)
+            exact = self._predicted(free)
+            errors = [self.data.largest(self._predicted(free, Stepping(m, dt)), exact) for m in METHODS_OF_SECOND_ORDER]
+        for value, floor, rest, *by_step in zip(exact, self.data.floors, left, *errors, strict=True):
+            most = LARGEST_ERROR_OF_STEP * float(np.max(np.abs(value), initial=0.0, where=np.isfinite(value)))
+            step = max((error for error in by_step if error < most), default=0.0)
+            if not rest <= min(LARGEST_MULTIPLE_OF_STEP_ERROR * step, most) + LEAST_RESOLVED_NOISES * floor:
+                return False
+        return True
+
+    def _predicted(self, variant: Variant, stepping: Stepping | None = None) -> list[Floats]:
+        """Return what the file would hold of a variant, by the exact motion or by a method."""
+        return self.data.predict(variant, self.rows, TOLERANCE_OF_DECISION, stepping)
 
     def adaptive_error(self) -> float:
         """Return the error of an adaptive method that steps through contacts, relative to the scale of a quantity."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dem_bridge.foundation.wording import share
-from dem_bridge.judging.chain_hypotheses import equal_radii, uniform_name
+from dem_bridge.judging.chain_hypotheses import lacking_radius, uniform_name
 from dem_bridge.judging.fitting import Fit, Stepping
 from dem_bridge.judging.hypotheses import Hypothesis
 from dem_bridge.judging.search import Search
@@ -75,7 +75,7 @@ class Diagnosis:
     alternatives : tuple of str
         Causes that the data cannot tell from ``cause``.
     where : str
-        Body or contact of the cause, "body 3" or "contact 7"; empty if it concerns the whole chain.
+        Body, contact or wall of the cause, "body 3", "contact 7" or "wall_left"; empty if it concerns the whole chain.
     evidence : str
         One sentence with the fitted value and the residuals.
     parameters : mapping
@@ -104,6 +104,8 @@ class Diagnosis:
 
 #: least effect, in floors, for which a cause is named, unless it explains the file to its digits
 LEAST_EFFECT_FLOORS = 50.0
+#: ... where it leaves less than a thousandth of the difference, as at a coarse step
+LEAST_EFFECT_OF_ALL = 10.0
 #: rms and largest residual, in units of the noise, at which the digits of a file explain the difference
 LARGEST_RMS_NOISES, LARGEST_RESIDUAL_NOISES = 1.5, 12.0
 #: ... and the largest residual in floors, if it is larger in units of the noise
@@ -117,6 +119,10 @@ LARGEST_SHARE_LEFT, LARGEST_ERROR_LEFT = 1e-3, 2e-5
 #: its usual error: so many times the error of an adaptive method at a tolerance of 1e-11, because the
 #: tolerances of a code, absolute ones among them, are unknown
 ADAPTIVE_ERROR_MULTIPLE = 100.0
+#: part of the difference that a fault, or two, may leave to the error of the time step of a method that is not known
+LARGEST_SHARE_LEFT_TO_STEP, LARGEST_SHARE_LEFT_TO_STEP_BY_PAIR = 0.2, 0.05
+#: what is said of it
+WITHIN_STEP = "What is left is as large as errors of methods of second order at this step."
 #: part of the difference that a right code may show where nothing has moved
 LARGEST_SHARE_AT_REST = 0.1
 #: change of an exponent that no code makes
@@ -211,7 +217,9 @@ def name_cause(search: Search, none: Fit, fits: list[Fit], *, certain: bool = Fa
     if (early := _without_name(search, none, best, bool(fits), certain=certain)) is not None:
         return early
     count = sum(block.values.size for block in search.data.blocks)
-    equal = sorted((fit for fit in fits if as_good(fit, best, count)), key=_named_first)
+    equal = sorted(
+        (fit for fit in fits if as_good(fit, best, count) or _is_simpler(search, fit, best, none)), key=_named_first
+    )
     missed = {fit.hypothesis.where for fit in equal if fit.hypothesis.cause == "missed-contact"}
     nameable = [
         fit
@@ -226,9 +234,10 @@ def name_cause(search: Search, none: Fit, fits: list[Fit], *, certain: bool = Fa
     uniform = next((fit for fit in nameable if _is_factor(fit, "stiffness-scale")), None)
     if uniform is not None:
         factor, deviation = math.exp(float(uniform.parameters[0])), float(uniform.deviation[0])
+        within = max(1e-5, 5.0 * deviation)
         if cause == "stiffness-scale":
-            cause = uniform_name(search.scene, factor, max(1e-5, 5.0 * deviation))
-        sentences += _names_of_a_factor(search, factor)
+            cause = uniform_name(search.scene, factor, within)
+        sentences += _names_of_a_factor(search, factor, within)
     sentences += _other_names(first)
     names = dict.fromkeys(name for name, _ in sentences)
     places = {fit.hypothesis.where for fit in nameable if fit.hypothesis.cause == first.hypothesis.cause}
@@ -237,7 +246,7 @@ def name_cause(search: Search, none: Fit, fits: list[Fit], *, certain: bool = Fa
         cause=cause,
         alternatives=tuple(name for name in names if name != cause),
         where=first.hypothesis.where if len(places) == 1 else "",
-        evidence=sentence(first, none),
+        evidence=sentence(first, none) if to_digits(first) else rest_of_step(search, first, sentence(first, none)),
         parameters={"value": (numbers[0], numbers[1])} if numbers else {},
         sentences=_alternatives(cause, sentences),
         faults=tuple(Fault(name, "", claim(first)) for name in first.hypothesis.together),
@@ -262,7 +271,9 @@ def _without_name(search: Search, none: Fit, best: Fit, found: bool, *, certain:
         left < LARGEST_SHARE_LEFT and best.error < LARGEST_ERROR_LEFT
     )
     small = Diagnosis(cause="none", evidence=f"The difference is {share(none.error)} of the largest value.")
-    if not (found and (explained(best) or loosely)):
+    known = found and (explained(best) or loosely)
+    by_step = found and not known and left < LARGEST_SHARE_LEFT_TO_STEP and search.decision.within_step(best)
+    if not (known or by_step):
         if search.data.dt is None and none.floors < LEAST_EFFECT_FLOORS:
             usual = ERROR_OF_UNKNOWN_METHOD
         if none.error < usual and search.decision.error_at_rest() < LARGEST_SHARE_AT_REST * none.error:
@@ -272,13 +283,29 @@ def _without_name(search: Search, none: Fit, best: Fit, found: bool, *, certain:
         words = f"{claim(best)} This explains {100.0 * (1.0 - left):.3g} % of the difference; something else remains."
         return Diagnosis(cause="unknown", evidence=words, headline=words)
     effect = search.decision.effect(best)
-    if effect >= LEAST_EFFECT_FLOORS or (
-        to_digits(best) and (certain or (left < 1.0 / LEAST_EFFECT_FLOORS and none.error >= ERROR_OF_UNKNOWN_METHOD))
+    nearly_all = left < LARGEST_SHARE_LEFT and effect >= LEAST_EFFECT_OF_ALL and none.error >= ERROR_OF_UNKNOWN_METHOD
+    if (
+        effect >= LEAST_EFFECT_FLOORS
+        or by_step
+        or nearly_all
+        or (
+            to_digits(best)
+            and (certain or (left < 1.0 / LEAST_EFFECT_FLOORS and none.error >= ERROR_OF_UNKNOWN_METHOD))
+        )
     ):
         return None
     if none.error < ERROR_OF_UNKNOWN_METHOD:
         return small
-    return Diagnosis(cause="unknown", evidence=f"The difference is {effect:.3g} floors, below {LEAST_EFFECT_FLOORS:g}.")
+    words = (
+        f"The difference is {effect:.3g} times what step and digits of the file make, and no cause is named below"
+        f" {LEAST_EFFECT_FLOORS:g} times. {claim(best)} This would explain it."
+    )
+    return Diagnosis(cause="unknown", evidence=words, headline=words)
+
+
+def rest_of_step(search: Search, fit: Fit, evidence: str) -> str:
+    """Return the evidence for a fault with a sentence on what is left, if that is an error of the time step."""
+    return f"{evidence} {WITHIN_STEP}" if search.decision.within_step(fit) else evidence
 
 
 def _is_itself(fit: Fit) -> bool:
@@ -289,17 +316,27 @@ def _is_itself(fit: Fit) -> bool:
     )
 
 
+def _is_simpler(search: Search, fit: Fit, best: Fit, none: Fit) -> bool:
+    """Return whether a fit is the best one without a second parameter, which the error of the time step may feign."""
+    same = fit.hypothesis.cause == best.hypothesis.cause and fit.hypothesis.size < best.hypothesis.size
+    return (
+        same
+        and not to_digits(best)
+        and fit.rms < LARGEST_SHARE_LEFT_TO_STEP * none.rms
+        and search.decision.within_step(fit)
+    )
+
+
 def _is_factor(fit: Fit, cause: str) -> bool:
     """Return whether a fit is a factor on all masses, or on all stiffnesses."""
     return fit.hypothesis.family == "factor" and fit.hypothesis.cause == cause
 
 
-def _names_of_a_factor(search: Search, factor: float) -> Iterator[tuple[str, str]]:
+def _names_of_a_factor(search: Search, factor: float, within: float) -> Iterator[tuple[str, str]]:
     """Yield the names that a factor on all stiffnesses may have, with what they claim."""
     yield "modulus", f"The effective modulus is {factor:.6g} of the scene's."
-    if equal_radii(search.scene):
-        radius = factor**-2.0
-        yield "missing-sqrt-radius", f"Stiffnesses lack sqrt(R*), if R* is {radius:.3g} m."
+    if (radius := lacking_radius(search.scene, factor, within)) is not None:
+        yield "missing-sqrt-radius", f"Stiffnesses lack sqrt(R*), where R* is {radius:.6g} m."
 
 
 def _other_names(first: Fit) -> Iterator[tuple[str, str]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -63,6 +65,9 @@ class Fit:
 class Data:
     """The samples of a file beside the motion of its scene."""
 
+    until: float = math.inf
+    """Processor time of this process, s, at which the search for a cause ends."""
+
     def __init__(self, record: Any, model: Model, floor: Mapping[str, float]) -> None:
         self.model, self.time, self.dt = model, np.asarray(record.time, dtype=np.float64), record.dt
         self.from_first = bool(getattr(record, "displacement_from_first", False))
@@ -99,6 +104,11 @@ class Data:
         #: False if the step of the file is in another unit of time than its rows, which are no multiples of it
         count = self.interval / self.dt if self.dt is not None else 1.0
         self.whole = not self.even or abs(count - round(count)) < 1e-3 * max(count, 1.0)
+
+    @property
+    def over(self) -> bool:
+        """True once no further fit is to be begun."""
+        return time.process_time() > self.until
 
     def motion(self, variant: Variant, rows: int, tolerance: float, stepping: Stepping | None) -> tuple[Motion, Floats]:
         """Return the motion of a variant at the first ``rows`` times of the file, and its times (s)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -89,6 +89,8 @@ DEVIATIONS_FROM_ZERO = 5.0
 #: numbers of a system whose changes are multiplied; those of all others are added
 FACTORS = ("mass", "stiffness", "damping", "velocity")
 TERMS = ("free", "exponent", "gap", "damping_power", "pull_off", "drag")
+#: names of the contacts with walls
+WALLS = ("wall_left", "wall_right")
 LOG_STARTS = ((0.0,), (0.7,), (-0.7,))
 WIDE_STARTS = (*LOG_STARTS, (1.6,), (-1.6,), (2.7,), (-2.7,))
 
@@ -122,6 +124,11 @@ class Changes:
         size = self.scene.n_body + 1
         return lambda p: Variant(self.with_factors(stiffness=_single(size, place, factor_of(p[0]))))
 
+    def one_exponent(self, place: int) -> Callable[[Floats], Variant]:
+        """Return the change of the exponent of one contact of the line, whose stiffness is the same number."""
+        where = np.eye(self.scene.n_body + 1)[place]
+        return lambda p: Variant(self.bent(p[0] * where))
+
     def one_gap(self, place: int, unit: float) -> Callable[[Floats], Variant]:
         """Return the change of the gap of one contact of the line by the parameter times ``unit`` (m)."""
         base, where = self.base, np.eye(self.scene.n_body + 1)[place]
@@ -138,8 +145,10 @@ class Changes:
 
         return make
 
-    def bent(self, change: float, factor: float | None = None) -> System:
+    def bent(self, change: float | Floats, factor: float | None = None) -> System:
         """Return the system with other exponents n, on which the powers of damping forces depend, too.
+
+        The ``change`` is one for all contacts, or one for each place on the line.
 
         Stiffnesses are the scene's numbers, or, with a ``factor``, such that all forces at the depth of the first
         impact are those of the scene times this factor.
@@ -156,6 +165,12 @@ class Changes:
         """Return the place on the line of each contact of the scene."""
         c = self.scene.contacts
         return np.asarray(np.where(c.left == self.scene.n_body, 0, c.left + 1))
+
+    def named_places(self) -> Iterator[tuple[int, str]]:
+        """Yield the place on the line of each contact of the scene with its name: "contact 3", or "wall_left"."""
+        walls = {0: WALLS[0], self.scene.n_body: WALLS[1]}
+        for k, place in enumerate(self.places().tolist()):
+            yield place, walls.get(place, f"contact {k}")
 
     def damping(self, law: int, clipped: bool) -> tuple[Callable[[Floats], Variant], float]:
         """Return a change to one of the three shapes of damping, and the constant at which it is one percent.
@@ -207,9 +222,10 @@ def merged(base: System, first: Variant, second: Variant) -> Variant | None:
         if all(getattr(item, name) != getattr(none, name) for item in (first, second)):
             return None
     a, b = first.system, second.system
-    for name in ("damping", "exponent"):
-        if all(np.any(getattr(system, name) != getattr(base, name)) for system in (a, b)):
-            return None
+    if all(np.any(system.damping != base.damping) for system in (a, b)):
+        return None
+    if np.any((a.exponent != base.exponent) & (b.exponent != base.exponent)):
+        return None
     values: dict[str, Any] = {name: _product(*(getattr(s, name) for s in (a, b, base))) for name in FACTORS}
     values |= {name: getattr(a, name) + getattr(b, name) - getattr(base, name) for name in TERMS}
     values["clipped"] = a.clipped if a.clipped != base.clipped else b.clipped

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dem_bridge.judging.chain_hypotheses import global_hypotheses
 from dem_bridge.judging.decision import RMS_NOISES_AT_END
 from dem_bridge.judging.diagnosis import (
+    LARGEST_SHARE_LEFT_TO_STEP_BY_PAIR,
     PRIORITY,
     Diagnosis,
     Fault,
@@ -20,6 +21,7 @@ from dem_bridge.judging.diagnosis import (
     explained,
     leaves,
     needed_files,
+    rest_of_step,
     stepping_of,
     value,
 )
@@ -47,6 +49,8 @@ LARGEST_NEAR_NOISES = 3.0
 MOST_NAMES_CHANGED = 2
 #: causes that may look like velocities of half a step
 CAUSES_LIKE_HALF_STEPS = ("start-position", "time-shift", "half-step-velocity", "first-order-integrator")
+#: numbers of faults in words
+NUMBERS = {2: "Two", 3: "Three", 4: "Four"}
 #: standard deviations by which each parameter of a pair differs from that of the scene
 DEVIATIONS_FROM_SCENE = 5.0
 
@@ -83,6 +87,8 @@ def fit_pairs(search: Search) -> list[tuple[Pair, Fit]]:
 
     def decide(pairs: Iterable[tuple[Pair, Floats]]) -> None:
         for pair, start in pairs:
+            if fits and search.data.over:
+                return
             best = min((fit for _, fit in fits), key=lambda fit: fit.rms, default=None)
             fits.append((pair, search.decision.decide(pair.hypothesis, start, best)))
 
@@ -107,7 +113,7 @@ def name_pair(search: Search, none: Fit) -> Diagnosis | None:
     The cause is the larger of the faults that all pairs share which explain the samples equally well.
     """
     fits = fit_pairs(search)
-    if not fits or not explained(fits[0][1]):
+    if not fits or not (explained(fits[0][1]) or _within_step(search, fits[0][1], none)):
         return None
     count = sum(block.values.size for block in search.data.blocks)
     equal = sorted(
@@ -120,20 +126,38 @@ def name_pair(search: Search, none: Fit) -> Diagnosis | None:
     if not certain:
         return None
     faults = tuple(Fault(h.cause, h.where, h.evidence.format(*value(h, p, d))) for h, p, d in parts)
+    evidence = f"{at_once(' '.join(fault.sentence for fault in faults), 2)} {leaves(fit, none, 'With both faults')}"
     hypotheses = {h for other, _ in equal for h in (other.first, other.second)}
     others = {h.cause for h in hypotheses} - {fault.cause for fault in faults}
     return Diagnosis(
         cause=certain[0].cause,
         alternatives=tuple(sorted(others, key=PRIORITY.index)),
         where=certain[0].where,
-        evidence=" ".join(
-            ("Two faults at once:", *(fault.sentence for fault in faults), leaves(fit, none, "With both faults"))
-        ),
+        evidence=evidence if explained(fit) else rest_of_step(search, fit, evidence),
         faults=faults,
         sentences=tuple(_alternative(*item) for item in equal[1:]),
         needed=needed_files(search, hypotheses),
         stepping=stepping_of(fit),
     )
+
+
+def at_once(sentences: str, count: int) -> str:
+    """Return sentences on several faults with their number.
+
+    >>> at_once("Gravity is 0.", 2)
+    'Two faults at once: Gravity is 0.'
+    """
+    return f"{NUMBERS.get(count, str(count))} faults at once: {sentences}"
+
+
+def after_faults(evidence: str) -> str:
+    """Return the evidence for several faults without their number."""
+    return evidence.split(" faults at once: ", 1)[-1]
+
+
+def _within_step(search: Search, fit: Fit, none: Fit) -> bool:
+    """Return whether a pair leaves little, and no more than an error of the time step."""
+    return fit.rms < LARGEST_SHARE_LEFT_TO_STEP_BY_PAIR * none.rms and search.decision.within_step(fit)
 
 
 def _name(hypothesis: Hypothesis) -> tuple[str, str]:
@@ -165,6 +189,8 @@ def _finalists(search: Search) -> list[tuple[Pair, Floats]]:
     windows, kept, before, again = search.windows(), list[_Kept](), 0.0, 0
     ranked_in = {windows[0], windows[min(2, len(windows) - 1)], windows[len(windows) // 2]}
     for rows in windows:
+        if kept and search.data.over:
+            break
         earlier = kept
         if rows in ranked_in:
             kept = [*kept, *_chosen(_ranked(search, rows))]
@@ -190,6 +216,8 @@ def _fitted(search: Search, kept: list[_Kept], rows: int) -> tuple[list[_Kept], 
     start = float(np.sqrt(np.mean(search.fitter.residual(search.base, rows, extra) ** 2)))
     fitted: dict[frozenset[tuple[str, str, str]], _Kept] = {}
     for _, pair, p in kept:
+        if fitted and search.data.over:
+            break
         p, rms = search.fitter.fit(pair.hypothesis, p, rows, extra)
         name = _names(pair)
         if name not in fitted or rms / start < fitted[name][0]:
@@ -291,6 +319,8 @@ def _ranked(search: Search, rows: int, firsts: Iterable[Candidate] = ()) -> Iter
             (search.fitter.residual(first.make(p + 1e-3 * unit), rows, extra) - at) / 1e-3
             for unit in np.eye(first.size)
         ]
+        if search.data.over:
+            return
         for second in hypotheses:
             if second is first or (pair := paired(search.base.system, first, second)) is None:
                 continue

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dem_bridge.judging.chain_hypotheses import common_factor, global_hypotheses
 from dem_bridge.judging.decision import Decision
 from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, TOLERANCE_OF_SEARCH, Data, Fit, Fitter, least
-from dem_bridge.judging.hypotheses import LOG_STARTS, Changes, Hypothesis, Variant
+from dem_bridge.judging.hypotheses import LOG_STARTS, WALLS, Changes, Hypothesis, Variant
 from dem_bridge.judging.model import Model
 from dem_bridge.judging.samples import half_steps, sample_hypotheses
 from dem_bridge.scene.scene import Scene
@@ -29,7 +29,7 @@ LARGEST_LINEAR_DIFFERENCE = 0.1
 MOST_PLACES_FITTED = 4
 #: hypotheses that are fitted in the first window, and by all samples
 MOST_FITTED_IN_WINDOW, MOST_FITTED_BY_ALL = 24, 6
-#: ... and of one cause
+#: ... and of one cause and family
 MOST_FITTED_OF_CAUSE = 4
 #: part of the samples in the first window
 FEWEST_SAMPLES_OF_WINDOW = 40
@@ -155,20 +155,29 @@ class Search:
         ]  # fmt: skip
         stiffnesses = [
             Hypothesis(
-                "stiffness", change.one_stiffness(int(place)),
-                f"The stiffness of contact {k} is {{0:.6g}} +- {{1:.2g}} of the scene's.",
-                starts=LOG_STARTS, where=f"contact {k}", value=math.exp, bounds=(-12.0, 12.0),
+                "stiffness", change.one_stiffness(place),
+                f"The stiffness of {name} is {{0:.6g}} +- {{1:.2g}} of the scene's.",
+                starts=LOG_STARTS, where=name, value=math.exp, bounds=(-12.0, 12.0),
             )
-            for k, place in enumerate(change.places())
+            for place, name in change.named_places()
+        ]  # fmt: skip
+        exponents = [
+            Hypothesis(
+                "exponent", change.one_exponent(place),
+                f"The exponent n of {name} differs from the scene's by {{0:.6g}} +- {{1:.2g}}.",
+                starts=((0.0,), (0.25,), (-0.25,)), where=name, bounds=(-1.4, 3.0),
+            )
+            for place, name in change.named_places()
+            if scene.n_contact > 1
         ]  # fmt: skip
         missed = [
             Hypothesis(
-                "missed-contact", _missed(change, int(place)), f"Contact {k}{_wall_of(scene, int(place))} never acts.",
-                where=f"contact {k}",
+                "missed-contact", _missed(change, place),
+                f"{f'The contact with {name}' if name in WALLS else name.capitalize()} never acts.", where=name,
             )
-            for k, place in enumerate(change.places())
+            for place, name in change.named_places()
         ]  # fmt: skip
-        kinds = (masses, stiffnesses, missed, self._positions(change))
+        kinds = (masses, stiffnesses, exponents, missed, self._positions(change))
         return [candidate.hypothesis for kind in kinds for candidate in self.rank(kind, rows)[:MOST_PLACES_FITTED]]
 
     def _positions(self, change: Changes) -> list[Hypothesis]:
@@ -177,11 +186,11 @@ class Search:
         starts = ((0.0,), (0.3,), (-0.3,), (1.0,), (-1.0,))
         gaps = [
             Hypothesis(
-                "start-position", change.one_gap(int(place), unit),
-                f"The gap of contact {k} is {{0:.6g}} +- {{1:.2g}} m larger than in the scene.",
-                starts=starts, where=f"contact {k}", value=lambda p: p * unit,
+                "start-position", change.one_gap(place, unit),
+                f"The gap of {name} is {{0:.6g}} +- {{1:.2g}} m larger than in the scene.",
+                starts=starts, where=name, value=lambda p: p * unit,
             )
-            for k, place in enumerate(change.places())
+            for place, name in change.named_places()
         ]  # fmt: skip
         between = [i for i in range(n) if {i, i + 1} <= {int(place) for place in change.places()}]
         bodies = [
@@ -225,7 +234,7 @@ class Search:
         for rows in dict.fromkeys((windows[0], windows[min(2, len(windows) - 1)])):
             ranked = self.rank([*everywhere, *self.places(rows)], rows)
             for candidate in (candidate for candidate in ranked if candidate.left < 0.97):
-                same = [other for other in kept if other.hypothesis.cause == candidate.hypothesis.cause]
+                same = [other for other in kept if _kind(other.hypothesis) == _kind(candidate.hypothesis)]
                 again = any(_alike(other, candidate) for other in same)
                 if len(same) < MOST_FITTED_OF_CAUSE and len(kept) < MOST_FITTED_IN_WINDOW and not again:
                     kept.append(candidate)
@@ -238,6 +247,8 @@ class Search:
             self.foreign = True
             return []
         for rows in windows:
+            if self.data.over:
+                break
             extra = 1e-3 * float(np.max(self.errors[:rows]))
             start = float(np.sqrt(np.mean(self.fitter.residual(self.base, rows, extra) ** 2)))
             fitted = []
@@ -257,9 +268,16 @@ class Search:
         """Return the last fits of the finalists, those that leave least first."""
         fits = list[Fit]()
         for candidate in self.finalists()[:MOST_FITTED_BY_ALL]:
+            if fits and self.data.over:
+                break
             best = min(fits, key=lambda fit: fit.rms, default=None)
             fits.append(self.decision.decide(candidate.hypothesis, candidate.parameters, best))
         return sorted(fits, key=lambda fit: fit.rms)
+
+
+def _kind(hypothesis: Hypothesis) -> tuple[str, str]:
+    """Return what hypotheses share of which a few are fitted: the shapes of damping differ, factors and places do."""
+    return hypothesis.cause, hypothesis.family
 
 
 def _alike(first: Candidate, second: Candidate) -> bool:
@@ -267,11 +285,6 @@ def _alike(first: Candidate, second: Candidate) -> bool:
     left, right = first.hypothesis, second.hypothesis
     same = (left.cause, left.where, left.evidence) == (right.cause, right.where, right.evidence)
     return same and bool(np.allclose(first.parameters, second.parameters, rtol=0.3, atol=1e-12))
-
-
-def _wall_of(scene: Scene, place: int) -> str:
-    """Return the name of the wall of a contact of the line, as part of a sentence; '' for contacts between bodies."""
-    return {0: ", the left wall,", scene.n_body: ", the right wall,"}.get(place, "")
 
 
 def _missed(change: Changes, place: int) -> Callable[[Floats], Variant]:

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dem_bridge.foundation.notebook import quantity as amount
 from dem_bridge.foundation.wording import share
 from dem_bridge.judging.diagnosis import RIGHT
+from dem_bridge.judging.hypotheses import WALLS
 from dem_bridge.judging.judgement import EXPLAINED, Judgement
 from dem_bridge.judging.reference import FileErrors, QuantityErrors
 from dem_bridge.observables.largest_step import ACCURACIES, accuracy_key, with_sources
@@ -285,8 +286,7 @@ def _advice(judgement: Judgement) -> Iterator[str]:
 
 def _advised(judgement: Judgement) -> str:
     """Return the key of the advice on the cause: a wall that never acts may be missing."""
-    walls = {f"contact {k}" for k in range(judgement.scene.n_body - 1, len(judgement.scene.contacts.left))}
-    missed = judgement.cause == "missed-contact" and judgement.where in walls
+    missed = judgement.cause == "missed-contact" and judgement.where in WALLS
     return "missed-wall" if missed else judgement.cause
 
 

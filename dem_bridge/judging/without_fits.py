@@ -78,6 +78,8 @@ LARGEST_MOMENTUM_NOISES = 3.0
 LEAST_MULTIPLE_OF_NEXT = 30.0
 #: bodies with other masses from which the scene is another one, and the least relative difference
 FEWEST_OTHER_MASSES, LEAST_DIFFERENCE_OF_MASS = 3, 1e-3
+#: largest relative difference of masses that are those of the scene in another order
+LARGEST_DIFFERENCE_OF_REORDERED = 0.005
 #: part of the difference from the scene that a shipped scene leaves, and its largest error relative to the scale
 LARGEST_SHARE_OF_OTHER_SCENE, LARGEST_ERROR_OF_OTHER_SCENE = 0.1, 0.05
 #: relative difference of a stiffness, by which half of the contacts of quite another chain differ at least
@@ -89,8 +91,8 @@ class OtherMasses:
     """The masses of a file relative to those of its scene, ``(n_body,)``, in the median 1; nan: not determined."""
 
     ratio: Floats
-    reordered: bool
-    """True if they may be those of the scene in another order."""
+    out_of_order: int
+    """Number of masses that differ from those of the scene in any order: 0 where bodies are in another order."""
 
     @property
     def differing(self) -> list[int]:
@@ -138,7 +140,8 @@ def other_masses(scene: Scene, data: Data) -> OtherMasses | None:
     whole = np.full(scene.n_body, np.nan)
     whole[block.columns[moved]] = ratio
     order = np.sort(ratio * mass[moved]) / np.sort(mass[moved])
-    return OtherMasses(whole, bool(np.ptp(order) < 0.01 * np.median(order)))
+    apart = np.abs(order / np.median(order) - 1.0) > LARGEST_DIFFERENCE_OF_REORDERED
+    return OtherMasses(whole, int(np.count_nonzero(apart)))
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class SyntheticFile:
         scale: float = 1e4,
         size: float = 0.1,
     ) -> None:
-        self.function, self.size = residual, size
+        self.function, self.size, self.over = residual, size, False
         self.blocks = list(blocks) or [block(np.zeros((4, 1)), scale=scale)]
         self.floors = [1.0] * len(self.blocks)
         self.time, self.dt, self.even, self.interval = np.array(time), dt, even, interval

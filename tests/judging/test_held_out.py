@@ -117,7 +117,7 @@ def test_sentences_have_the_size_of_both_faults(judged: Any) -> None:
 
 def test_the_wall_and_the_column_are_named(judged: Any) -> None:
     text = " ".join(str(judged("half step and no wall")).split())
-    assert "Contact 4, the right wall, never acts." in text
+    assert "The contact with wall_right never acts." in text
     assert "Is the wall in the code?" in text
     assert judged("a column").where == "body 3"
     assert "The velocities of body 3 have the other sign." in judged("a column").evidence

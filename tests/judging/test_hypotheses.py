@@ -47,7 +47,7 @@ EVERYWHERE = [
      ((0.0,), (0.25,), (-0.25,), (0.5,), (-0.5,)), ((-1.4, 3.0),), 3.0),
     ("exponent", "The exponent n is 1.5 +- 0.25 in place of 2.5, and stiffness over mass is 3 +- 0.5 times the number"
      " of the scene.",
-     ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0)), ((-1.4, 3.0),), 0.5),
+     ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0), (0.5, 0.0), (-0.5, 0.0)), ((-1.4, 3.0),), 0.5),
     ("missing-sqrt-radius",
      "Stiffnesses lack sqrt(R*) in the contacts between bodies (mean factor 1.5 +- 0.25).", WIDE, (None,),
      math.exp(0.5)),

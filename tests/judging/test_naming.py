@@ -38,7 +38,10 @@ def fit(
 def named(none: Fit, fits: list[Fit], *, effect: float = 1e3, dt: float | None = 1e-6, rest: float = 1.0) -> Diagnosis:
     """Return the diagnosis for fits without a file; ``rest`` is the largest error at rest."""
     decision = SimpleNamespace(
-        adaptive_error=lambda: 1e-10, effect=lambda best: effect, error_at_rest=lambda: rest * none.error
+        within_step=lambda best: False,
+        adaptive_error=lambda: 1e-10,
+        effect=lambda best: effect,
+        error_at_rest=lambda: rest * none.error,
     )
     block = SimpleNamespace(values=np.zeros((50, 2)))
     search: Any = SimpleNamespace(decision=decision, data=SimpleNamespace(dt=dt, blocks=[block]), scene=PAIR)

@@ -65,7 +65,7 @@ def search_of(errors: Iterable[float], start: Floats = START) -> Any:
     search.fitter = Fitter()
     search.base = SimpleNamespace(residual=start, parameters=())
     search.exact = [np.zeros((search.rows, 1))]
-    search.data = SimpleNamespace(residual=lambda values, extra: WHOLE)
+    search.data = SimpleNamespace(residual=lambda values, extra: WHOLE, over=False)
     return search
 
 
@@ -200,17 +200,22 @@ def test_masses_stiffnesses_and_missed_contacts_are_hypotheses_of_a_place(monkey
     search.rank = rank
     chosen = search.places(17)
     # gaps of five contacts, and places of four bodies between two of them
-    assert [len(kind) for kind in ranked] == [5, 5, 5, 9]
+    assert [len(kind) for kind in ranked] == [5, 5, 5, 5, 9]
     assert [each.where for each in chosen] == [
         *("body 4", "body 3", "body 2", "body 1"),
-        *("contact 4", "contact 3", "contact 2", "contact 1") * 2,
+        *("wall_right", "contact 3", "contact 2", "contact 1") * 3,
         *("body 4", "body 3", "body 2", "body 1"),
     ]
     base, change = search.model.system, Changes(scene, search.model)
-    mass, stiffness, missed = ranked[0][2], ranked[1][4], ranked[2][1]
+    mass, stiffness, exponent, missed = ranked[0][2], ranked[1][4], ranked[2][1], ranked[3][1]
     assert mass.evidence.format(1.5, 0.25) == "The mass of body 2 is 1.5 +- 0.25 of the scene's."
-    assert stiffness.evidence.format(1.5, 0.25) == "The stiffness of contact 4 is 1.5 +- 0.25 of the scene's."
+    assert stiffness.evidence.format(1.5, 0.25) == "The stiffness of wall_right is 1.5 +- 0.25 of the scene's."
     assert missed.evidence == "Contact 1 never acts."
+    assert ranked[3][4].evidence == "The contact with wall_right never acts."
+    assert exponent.evidence.format(0.5, 0.25) == "The exponent n of contact 1 differs from the scene's by 0.5 +- 0.25."
+    bent = exponent.make(np.array([0.5])).system
+    np.testing.assert_allclose(bent.exponent - search.model.system.exponent, [0, 0, 0.5, 0, 0, 0])
+    np.testing.assert_allclose(bent.stiffness, search.model.system.stiffness)
     assert (mass.cause, stiffness.cause, missed.cause) == ("mass", "stiffness", "missed-contact")
     assert (stiffness.bounds, mass.bounds) == ((-12.0, 12.0), (-math.inf, math.inf))
     assert (mass.value(0.5), stiffness.value(0.5), missed.size) == (math.exp(0.5), math.exp(0.5), 0)
