@@ -176,7 +176,7 @@ class Difference:
     """Scale of the difference in ``unit``, at the body or contact of the largest difference if each has its own."""
     unit: str
     scale_name: str
-    """Scale in words, such as "largest |velocity| of the reference"."""
+    """Scale in words, such as ``largest |velocity| of the reference``."""
     uncertainty: float
     """Estimated numerical error of the first run, relative to the same scale."""
     reference_uncertainty: float
