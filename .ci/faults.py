@@ -26,7 +26,7 @@ GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
         "ensembles": ("ensembles",), "exports": ("formats/tables", "formats/writers.py", "scene/file/scene_csv.py"),
         "planning": ("runs/planning",), "campaign": ("runs/campaign",), "measurement": ("studies/measurement",),
         "figures": (
-            "plot.py", "report/drawing.py", "report/page.py", "verification/figures.py", "verification/figures.py",
+            "plot.py", "report/drawing.py", "report/page.py", "verification/figures.py",
             "report/drawing_styles.py", "report/styles.py",
         ),
         "keys": ("runs/cache.py", "runs/case.py", "runs/keys.py"),

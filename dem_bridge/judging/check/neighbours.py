@@ -32,8 +32,10 @@ class NeighbourList:
 
         Examples
         --------
-        >>> NeighbourList(skin=1e-5, steps=10).largest_step(1.0), NeighbourList(skin=1e-5, steps=1).largest_step(1.0)
-        (5e-07, inf)
+        >>> print(f"{NeighbourList(skin=1e-5, steps=10).largest_step(1.0):.3g}")
+        5e-07
+        >>> NeighbourList(skin=1e-5, steps=1).largest_step(1.0)
+        inf
         """
         return 0.5 * self.skin / (speed * self.steps) if self.steps > 1 and speed > 0.0 else math.inf
 
