@@ -16,7 +16,7 @@ from dem_bridge.judging.check.answer import Check, Pictures
 from dem_bridge.judging.check.edits import Edit, applied
 from dem_bridge.judging.check.laboratory import Laboratory, Progress
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer, engine_of, law_by_steps, law_by_tables, law_of
-from dem_bridge.judging.check.neighbours import SAFE_COMMAND
+from dem_bridge.judging.check.neighbours import SAFE_COMMAND, safe_edits
 from dem_bridge.judging.check.plausible import LARGEST_OVERLAP_AT_START, plausibility_of, start_overlap
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
 from dem_bridge.judging.check.subject import Subject, short_problem, subject_of, why_unread
@@ -247,8 +247,7 @@ def _list_edits(subject: Subject, finding: Finding) -> tuple[Edit, ...]:
     """Return the line of a neighbour list that misses no contact, if that of the script may at its own step."""
     if not finding.step.list_limit < (finding.step.dt or 0.0):
         return ()
-    lines = dict.fromkeys((c.file, c.line) for c in subject.deck.commands if c.name == "neigh_modify")
-    return tuple(Edit(file=file, line=line, new=SAFE_COMMAND) for file, line in lines)
+    return safe_edits(subject.deck)
 
 
 def _step_edits(subject: Subject, finding: Finding) -> tuple[Edit, ...]:

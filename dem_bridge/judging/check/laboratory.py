@@ -24,7 +24,7 @@ from dem_bridge.judging.check.lammps_run import (
     spacing_of,
     times_at,
 )
-from dem_bridge.judging.check.neighbours import SAFE_COMMAND
+from dem_bridge.judging.check.neighbours import safe_edits
 from dem_bridge.judging.check.subject import Subject
 from dem_bridge.judging.deck import DeckRun, deck_run, user_deck
 from dem_bridge.judging.reference import ReferenceSamples, reference_at
@@ -338,13 +338,11 @@ class Laboratory:
 
     def error_with_safe_list(self, dt: float) -> float:
         """Return the error of LAMMPS at a longer step, s, with a safe neighbour list; nan if it is unknown."""
-        lines = dict.fromkeys((c.file, c.line) for c in self.subject.deck.commands if c.name == "neigh_modify")
-        edits = [Edit(file=file, line=line, new=SAFE_COMMAND) for file, line in lines]
         try:
             longer = stretched(self.subject.texts(), self.subject.deck.commands, dt / self.subject.unit)
         except UsageError:
             return math.nan
-        return self.error_of([*edits, *longer])
+        return self.error_of([*safe_edits(self.subject.deck), *longer])
 
     def predicted(self, dt: float, accuracies: tuple[float, ...] = ()) -> StepError | None:
         """Return the error of velocity Verlet at a step, at many times between the samples, too; None if none acts."""

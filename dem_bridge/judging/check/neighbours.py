@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise, takewhile
 
 from dem_bridge.foundation.wording import number
+from dem_bridge.judging.check.edits import Edit
 from dem_bridge.judging.deck import UserDeck
 from dem_bridge.lmp.reader.evaluation import UNITS
 
@@ -44,6 +45,12 @@ class NeighbourList:
         """The list in words."""
         rebuilds = f"a rebuild in {self.steps:g} steps" if math.isfinite(self.steps) else "no rebuild"
         return f"{rebuilds}, skin {number(self.skin)} m"
+
+
+def safe_edits(deck: UserDeck) -> tuple[Edit, ...]:
+    """Return :data:`SAFE_COMMAND` in place of each line of a script that sets when the neighbour list is rebuilt."""
+    lines = dict.fromkeys((command.file, command.line) for command in deck.commands if command.name == "neigh_modify")
+    return tuple(Edit(file=file, line=line, new=SAFE_COMMAND) for file, line in lines)
 
 
 def neighbour_list(deck: UserDeck) -> NeighbourList | None:
