@@ -29,13 +29,13 @@ from __future__ import annotations
 import numpy as np
 
 from dem_bridge.ensembles.settled import all_settled, is_free
-from dem_bridge.ensembles.within_step import LOOK, law_power, read_turn, store
+from dem_bridge.ensembles.within_step import LOOK, law_power, read_turn, store, touch_time
 from dem_bridge.foundation.compiled import Floats, kernel
 from dem_bridge.trajectory.dense import may_turn
 
 #: nodes of the rule; more change nothing at steps up to 1/omega
 _NODES = 4
-#: iterations of Newton's method for the time of touch, which starts from the solution for a constant acceleration
+#: iterations for the time of touch
 _ITERATIONS = 4
 
 
@@ -61,16 +61,9 @@ def touch_defect(
     ``least``, and where the model does not close.
     """
     jerk = (acceleration_end - acceleration) / step
-    root = closing + np.sqrt(max(closing * closing - 2.0 * acceleration * overlap, 0.0))
-    if root <= least:
+    time = touch_time(overlap, closing, acceleration, jerk, step, least, _ITERATIONS)
+    if time == np.inf:
         return 0.0, 0.0
-    time = min(-2.0 * overlap / root, step)
-    for _ in range(_ITERATIONS):
-        rate = closing + time * (acceleration + 0.5 * time * jerk)
-        if rate <= least:
-            return 0.0, 0.0
-        depth = overlap + time * (closing + time * (0.5 * acceleration + time * jerk / 6.0))
-        time = min(max(time - depth / rate, 0.0), step)
     rate = closing + time * (acceleration + 0.5 * time * jerk)
     if rate <= least:
         return 0.0, 0.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_bridge.ensembles.within_step import law_power
+from dem_bridge.ensembles.within_step import law_power, touch_time
 from dem_bridge.foundation.compiled import kernel
 
 #: parts of a step, and iterations for the times of touch and opening
@@ -64,22 +64,6 @@ def _runge_kutta(
 
 
 @kernel(nogil=False)
-def touch_time(overlap: float, closing: float, acceleration: float, jerk: float, step: float, slow: float) -> float:
-    """Return when a contact touches within a step, s; inf if it does not, or not faster than ``slow`` (m/s)."""
-    root = closing + np.sqrt(max(closing * closing - 2.0 * acceleration * overlap, 0.0))
-    if root <= slow:
-        return np.inf
-    time = min(-2.0 * overlap / root, step)
-    for _ in range(_ITERATIONS):
-        rate = closing + time * (acceleration + 0.5 * time * jerk)
-        if rate <= slow:
-            return np.inf
-        depth = overlap + time * (closing + time * (0.5 * acceleration + time * jerk / 6.0))
-        time = min(max(time - depth / rate, 0.0), step)
-    return float(time)
-
-
-@kernel(nogil=False)
 def pair_defect(
     overlap: float, closing: float, before: float, after: float, mobility: float, contact: Contact, step: float,
     slow: float, velocity: float, own: tuple[float, float], inverse_mass: float, until: float,
@@ -94,7 +78,7 @@ def pair_defect(
     numerical_s, numerical_r = _runge_kutta(False, overlap, closing, 0.0, step, before, jerk, mobility, contact)
     begin, s, r = 0.0, overlap, closing
     if overlap <= 0.0:
-        begin = touch_time(overlap, closing, before, jerk, step, slow)
+        begin = touch_time(overlap, closing, before, jerk, step, slow, _ITERATIONS)
         if begin == np.inf:
             return 0.0, 0.0, 0.0, -np.inf
         s, r = 0.0, closing + begin * (before + 0.5 * begin * jerk)

@@ -3,8 +3,8 @@
 After the wave has passed, bodies at both ends of a free chain fly away from the others. What is between them keeps its
 momentum and its energy E in the frame of its centre of mass, so that no contact stores more than E and no body is
 faster than all of E would make it. If the ends are faster than that they are never met again, and a contact whose
-largest force so far is above that at the energy E has had its largest force. The rest of the run, four fifths of the
-duration on decelerating-40, then changes no observable, only velocities at samples.
+largest force so far is above that at the energy E has had its largest force. The rest of the run, three quarters of
+the duration on decelerating-40, then changes no observable, only velocities at samples.
 
 Damping only takes energy away, and its force is at most that of the deepest overlap at the fastest rate. Drag
 slows down all bodies alike, by the factor ``slowed`` until the end. Walls, weights and loads exchange energy with a

@@ -116,26 +116,14 @@ def solve_chains(scene: Scene, chains: Chains, steps: int, samples: int = 0) -> 
     for nth in range(groups):
         rows = kept[LANES * nth : LANES * (nth + 1)]
         moving = mass[nth], velocity[nth], weight[nth], stiffness[nth], overlap[nth]
+        step = scene.duration / steps
         if damped:
             result = march_damped(
-                *moving, damping[nth], power, of_overlap, (law, of_damping), clip, scene.drag, resting, slow,
-                unfelt,                 scene.duration / steps, steps, rows,
+                *moving, damping[nth], power, of_overlap, (law, of_damping), clip, scene.drag, resting, slow, unfelt,
+                step, steps, rows,
             )  # fmt: skip
         else:
-            result = march(
-                *moving,
-                power,
-                law,
-                resting,
-                rules,
-                slow,
-                drifts,
-                kicks,
-                scene.duration / steps,
-                steps,
-                scene.drag,
-                rows,
-            )
+            result = march(*moving, power, law, resting, rules, slow, drifts, kicks, step, steps, scene.drag, rows)
         read[:, nth] = np.reshape(result, (3, n + 1, LANES))
     crossing, peak, fastest = read.swapaxes(2, 3).reshape(3, len(group), n + 1)[:, : len(chains)]
     if not np.all(np.isfinite(fastest[:, 1:])):

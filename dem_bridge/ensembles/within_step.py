@@ -27,6 +27,28 @@ def law_power(depth: float, law: int, exponent: float) -> float:
 
 
 @kernel(nogil=False)
+def touch_time(
+    overlap: float, closing: float, acceleration: float, jerk: float, step: float, slow: float, iterations: int
+) -> float:  # fmt: skip
+    """Return when a contact touches within a step, s; inf if it does not, or not faster than ``slow`` (m/s).
+
+    ``acceleration`` is the closing one at the begin of the step, without the contact's own force, and ``jerk`` its
+    rate. Newton's method starts from the solution for a constant acceleration.
+    """
+    root = closing + np.sqrt(max(closing * closing - 2.0 * acceleration * overlap, 0.0))
+    if root <= slow:
+        return np.inf
+    time = min(-2.0 * overlap / root, step)
+    for _ in range(iterations):
+        rate = closing + time * (acceleration + 0.5 * time * jerk)
+        if rate <= slow:
+            return np.inf
+        depth = overlap + time * (closing + time * (0.5 * acceleration + time * jerk / 6.0))
+        time = min(max(time - depth / rate, 0.0), step)
+    return float(time)
+
+
+@kernel(nogil=False)
 def maximum(step: float, v0: float, a0: float, v1: float, a1: float) -> tuple[float, float]:
     """Return the part of a step at which the cubic polynomial of the velocity is largest, and the velocity there."""
     jump = (v1 - v0) / step
