@@ -146,9 +146,7 @@ def solve(
     if backend is None:
         backend = _cheapest(scene, accuracy, sampling)
     lammps = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
-    solver = _backend(backend, lammps)
-    if reason := unsupported_reason(solver, scene):
-        raise UnsupportedScene(f"{solver.name} cannot do {scene.name}: {reason}")
+    solver = _backend_for(scene, backend, lammps)
     if backend in ENGINE_BACKENDS and not interpretable(scene):
         # with a stored prescan the engine starts before the compiler is loaded, which only the uncertainty needs
         from dem_bridge.runs.recall import recall_prescan
@@ -344,9 +342,15 @@ def refuse_settings(scene: Scene, backend: str | None, settings: Mapping[str, An
     _check_settings(settings.get("dt"), settings.get("accuracy"))
     if backend is not None:
         keys = ("engine", "lmp", "lmp_args", "python", "ranks")
-        solver = _backend(backend, Engine.named(**{key: settings.get(key) for key in keys}))
-        if reason := unsupported_reason(solver, scene):
-            raise UnsupportedScene(f"{solver.name} cannot do {scene.name}: {reason}")
+        _backend_for(scene, backend, Engine.named(**{key: settings.get(key) for key in keys}))
+
+
+def _backend_for(scene: Scene, name: str, engine: Engine | None) -> Backend:
+    """Return a backend that solves a scene; raise UnsupportedScene if it cannot."""
+    solver = _backend(name, engine)
+    if reason := unsupported_reason(solver, scene):
+        raise UnsupportedScene(f"{solver.name} cannot do {scene.name}: {reason}")
+    return solver
 
 
 def _cheapest(scene: Scene, accuracy: object, sampling: Sampling) -> str:
