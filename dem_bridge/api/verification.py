@@ -66,7 +66,8 @@ def verify(
     dt : float, optional
         Time step of LAMMPS and its twin, s, such as that of an input script; None: the largest for the accuracy.
     folder : str or Path, optional
-        Folder for ``index.html`` and ``verdicts.json``. None: no files are written.
+        Folder for ``index.html`` and ``verdicts.json``. None: no files are written. While runs are made the page has
+        the scenes whose runs have all ended, and says what is under way.
     bundle : str or Path, optional
         Folder for all that a reviewer needs to repeat the verification.
     jobs : int, optional
@@ -107,6 +108,7 @@ def verify(
     check_arguments(verify, locals())
     from dem_bridge.runs.campaign import jobs_of
     from dem_bridge.runs.store import Store
+    from dem_bridge.verification.under_way import write_pages
     from dem_bridge.verification.verify import DEFAULT_ACCURACY, verify_scenes
 
     if scenes is None:
@@ -137,13 +139,17 @@ def verify(
         "engine": lammps,
         "store": kept,
     }
-    if whole:
-        verification: Verification = guest_named(VERIFICATIONS, PAPER, f"verify {PAPER}")(**settings)
-    else:
-        step = Resolution(dt=dt).dt
-        if step is not None:
-            chosen = [replace(scene, samples=samples_of(scene, step, _STEPS_OF_SAMPLE)) for scene in chosen]
-        verification = verify_scenes(chosen, dt=step, **settings)
+    with write_pages(None if folder is None else Path(folder), accuracy) as under_way:
+        settings["under_way"] = under_way
+        if whole:
+            verification: Verification = guest_named(VERIFICATIONS, PAPER, f"verify {PAPER}")(**settings)
+        else:
+            step = Resolution(dt=dt).dt
+            if step is not None:
+                chosen = [replace(scene, samples=samples_of(scene, step, _STEPS_OF_SAMPLE)) for scene in chosen]
+            verification = verify_scenes(chosen, dt=step, **settings)
+    if under_way.trouble:
+        verification = replace(verification, notes=(*verification.notes, under_way.trouble))
     write_found(verification, folder=folder, bundle=bundle, engine=lammps, store=kept)
     return verification
 

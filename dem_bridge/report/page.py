@@ -68,7 +68,8 @@ def study_files(
 
     These are ``index.html``, the JSON, ``tables/ID.csv``, ``figures/ID.svg``, ``figures/ID.csv`` and the study's own
     ``files``. Pictures are kept in ``store``. ``template``: that of the page, and the package that has it; ``shown``:
-    what it shows beside the parts that every study has.
+    what it shows beside the parts that every study has, and with ``reload`` the seconds after which a browser reads it
+    again.
     """
     figures: dict[str, dict[str, str | bytes]] = {
         figure.id: {

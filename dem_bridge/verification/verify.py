@@ -7,7 +7,7 @@ It has three steps: :func:`dem_bridge.verification.roles.list_cases` lists the r
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -30,6 +30,7 @@ from dem_bridge.verification.assess import SceneStudy, assess_scene, named_failu
 from dem_bridge.verification.budget import Budget
 from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import Roles, Runs, assign_roles, list_cases
+from dem_bridge.verification.under_way import UnderWay
 from dem_bridge.verification.verification import TEXTS, Verification, verification_of
 
 #: wanted accuracy of velocities where none is named; the paper's chains reach it at dt = 1e-8 s
@@ -45,8 +46,12 @@ def verify_scenes(
     engine: Engine | None = None,
     store: Store | None = None,
     dt: float | None = None,
+    under_way: UnderWay | None = None,
 ) -> Verification:
-    """Run and judge scenes; the arguments are those of :func:`dem_bridge.verify`."""
+    """Run and judge scenes; the arguments are those of :func:`dem_bridge.verify`.
+
+    ``under_way`` is given each scene as soon as its runs have ended.
+    """
     start = time.perf_counter()
     names = [scene.name for scene in scenes]
     if len(set(names)) < len(names):
@@ -55,8 +60,10 @@ def verify_scenes(
     checked_accuracy(accuracy)
     cache = RunCache(store)
     plans = [plan_scene(scene, accuracy, engine=engine, cache=cache, dt=dt) for scene in scenes]
-    groups = run_groups([plan.cases for plan in plans], jobs=jobs, progress=progress, store=store, cache=cache)
-    studies = tuple(plan.assess(results, store) for plan, results in zip(plans, groups, strict=True))
+    under_way = under_way or UnderWay(accuracy=accuracy)
+    ended = assess_when_ended(plans, under_way, store)
+    run_groups([plan.cases for plan in plans], jobs=jobs, progress=progress, store=store, cache=cache, ended=ended)
+    studies = tuple(under_way.studies[number] for number in range(len(plans)))
     notes = (store.trouble,) if store is not None and store.trouble else ()
     verification = verification_of(studies, accuracy=accuracy, wall=time.perf_counter() - start, notes=notes)
     return replace(verification, dt=dt)
@@ -102,6 +109,22 @@ class ScenePlan:
         study = SceneStudy(roles=self.roles, runs=filled, others=tuple(results[count:]), **judged)
         verdicts = named_failures(study.scene.name, study.engine, study.run(study.engine), study.verdicts)
         return replace(study, verdicts=tuple(verdicts))
+
+
+def assess_when_ended(
+    plans: Sequence[ScenePlan], under_way: UnderWay, store: Store | None
+) -> Callable[[int, Sequence[Result]], None]:
+    """Return the function that judges the results of each plan as soon as all of them are there.
+
+    It is called with the number of a group; groups beyond those of the plans are not judged.
+    """
+    under_way.scenes = tuple(plan.roles.scene.name for plan in plans)
+
+    def assess(number: int, results: Sequence[Result]) -> None:
+        if number < len(plans):
+            under_way.studies[number] = plans[number].assess(results, store)
+
+    return assess
 
 
 def plan_scene(

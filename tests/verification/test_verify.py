@@ -390,10 +390,10 @@ def test_where_no_step_decides_velocities_what_is_conserved_is_judged(monkeypatc
 
     listed: list[Case] = []
 
-    def run(groups: list[list[Case]], **_: Any) -> list[list[Result]]:
+    def run(groups: list[list[Case]], *, ended: Callable[[int, list[Result]], None], **_: Any) -> None:
         [cases] = groups
         listed.extend(cases)
-        return [[Result(case=cases[0], trajectory=engine_run)]]
+        ended(0, [Result(case=cases[0], trajectory=engine_run)])
 
     monkeypatch.setattr("dem_bridge.verification.verify.main_resolution", none)
     monkeypatch.setattr("dem_bridge.verification.verify.run_groups", run)

@@ -1,13 +1,14 @@
 """Nodes of a campaign: runs, and estimates of their uncertainty, in the order in which they need each other.
 
 A node has one key, that of its entry in a store, which is computed when it is planned. What the store has is done.
-A node that needs no other is a task, which any process may solve; all others are put together in this process from what
-they need. Two cases of one key are one node. A case without a key is a node of its own, and a task as a whole.
+A node that needs no other is a task, which any process may solve; all others are put together in this process as soon
+as what they need is there. Two cases of one key are one node. A case without a key is a node of its own, and a task as
+a whole.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from graphlib import TopologicalSorter
 
@@ -70,6 +71,9 @@ class Graph:
         #: names of the nodes of the cases, in their order
         self.names = tuple(names[number] for number in range(len(cases)))
         self._share()
+        self._order = TopologicalSorter({name: node.needs for name, node in self.nodes.items()})
+        self._order.prepare()
+        self._ready = self._order.get_ready()
 
     @property
     def stored(self) -> list[Node]:
@@ -88,12 +92,20 @@ class Graph:
         needed = {need for node in self.nodes.values() if node.name not in taken for need in node.needs}
         return needed | {taken[name] for name in needed if name in taken}
 
-    def put_together(self) -> Iterator[Node]:
-        """Yield the nodes that are put together from others, each after those that it needs."""
-        order = TopologicalSorter({name: node.needs for name, node in self.nodes.items()})
-        for node in map(self.nodes.__getitem__, order.static_order()):
-            if not node.task and node.run is None:
-                yield node
+    def put_together(self, made: Iterable[str] = ()) -> Iterator[Node]:
+        """Yield the nodes that can be put together once further tasks are ``made``, each after those that it needs.
+
+        Each is yielded once in all calls, and counts as made when the next is asked for.
+        """
+        self._order.done(*made)
+        while ready := (*self._ready, *self._order.get_ready()):
+            self._ready = ()
+            for node in map(self.nodes.__getitem__, ready):
+                if node.task:
+                    continue
+                if node.run is None:
+                    yield node
+                self._order.done(node.name)
 
     def _add(self, case: Case, *, family: bool = False) -> Node:
         """Return the node of a case; ``family``: it is needed for its family, which no store has."""
@@ -145,6 +157,58 @@ class Graph:
                 node.take_from(estimate)
             elif _is_twin(node) and _steps(node) in families:
                 node.task, node.needs = False, (families[_steps(node)],)
+
+
+class Groups:
+    """Groups of the cases of a graph: which of them is complete, and which begins first.
+
+    Parameters
+    ----------
+    sizes : sequence of int
+        Number of cases of each group; the groups follow one another in the cases of the graph.
+    graph : Graph
+    """
+
+    def __init__(self, sizes: Sequence[int], graph: Graph) -> None:
+        names = iter(graph.names)
+        #: names of the nodes of each group, in the order of its cases
+        self.names = [tuple(next(names) for _ in range(size)) for size in sizes]
+        self._graph = graph
+        self._open = [set(group) for group in self.names]
+        self._handed = [False] * len(sizes)
+
+    def completed(self, made: Iterable[str]) -> Iterator[int]:
+        """Yield the number of each group that is complete, once, now that further nodes are ``made``."""
+        made = set(made)
+        for number, still in enumerate(self._open):
+            still -= made
+            if not still and not self._handed[number]:
+                self._handed[number] = True
+                yield number
+
+    def longest(self) -> dict[str, tuple[float, int]]:
+        """Return for each task the group that needs it: the time of the longest task of the group, s, and its number.
+
+        Of several groups the one with the longest task counts, and of these the first.
+        """
+        of: dict[str, tuple[float, int]] = {}
+        for number, group in reversed(list(enumerate(self.names))):
+            needed = self._tasks(group)
+            longest = max((node.case.expected for node in needed), default=0.0)
+            for node in needed:
+                if longest >= of.get(node.name, (0.0, number))[0]:
+                    of[node.name] = longest, number
+        return of
+
+    def _tasks(self, names: Iterable[str]) -> list[Node]:
+        """Return the tasks from which some nodes are put together."""
+        open_names, seen = list(names), set[str]()
+        while open_names:
+            name = open_names.pop()
+            if name not in seen:
+                seen.add(name)
+                open_names.extend(self._graph.nodes[name].needs)
+        return [node for node in map(self._graph.nodes.__getitem__, seen) if node.task]
 
 
 def _is_twin(node: Node) -> bool:

@@ -21,7 +21,7 @@ from dem_bridge.foundation.leftovers import sweep_temporary
 from dem_bridge.foundation.progress import Campaign, Interrupted, campaign, listening, stop_requested
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign.executors import Jobs, fingerprint_of, run_by_executor
-from dem_bridge.runs.campaign.nodes import Graph, Node, Run
+from dem_bridge.runs.campaign.nodes import Graph, Groups, Node, Run
 from dem_bridge.runs.campaign.pool import run_in_processes
 from dem_bridge.runs.campaign.results import Progress, Result, run_case
 from dem_bridge.runs.campaign.tasks import Outcome, Task, is_stored, key_where_made, lock_of, perform_task, with_run
@@ -31,6 +31,9 @@ from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import UNKNOWN
 
+Groupings = Sequence[Sequence[Case]]
+#: called with the number of a group and its results
+Ended = Callable[[int, tuple[Result, ...]], None]
 #: s that a worker needs until it can begin: what takes less in all is run here
 _START = 2.0
 
@@ -80,8 +83,40 @@ def run_cases(
         If no process can begin, or the executor takes no more cases. A case whose process dies twice is no error, but
         a broken result (:class:`Crashed`).
     """
+    [results] = _run([cases], jobs, progress, store, everything=everything, cache=cache)
+    return results
+
+
+def run_groups(
+    groups: Sequence[Sequence[Case]],
+    *,
+    jobs: Jobs = 1,
+    progress: Progress | None = None,
+    store: Store | None = None,
+    cache: RunCache | None = None,
+    ended: Ended | None = None,
+) -> list[tuple[Result, ...]]:
+    """Run all groups of cases together, see :func:`run_cases`; return the results of each group.
+
+    ``ended`` is called with the number of a group and its results as soon as all of them are there. With it the cases
+    of a group are begun together.
+    """
+    return _run(groups, jobs, progress, store, cache=cache, ended=ended)
+
+
+def _run(
+    groups: Groupings,
+    jobs: Jobs,
+    progress: Progress | None,
+    store: Store | None,
+    *,
+    everything: bool = False,
+    cache: RunCache | None = None,
+    ended: Ended | None = None,
+) -> list[tuple[Result, ...]]:
+    """Run all cases of all groups, and return the results of each group."""
     if isinstance(jobs, int) and jobs > 1:
-        for scene in {id(case.scene): case.scene for case in cases}.values():
+        for scene in {id(case.scene): case.scene for group in groups for case in group}.values():
             if reason := reason_to_stay(scene):
                 raise UsageError(
                     f"jobs = {jobs}: the law of {scene.name} cannot go to another process ({reason});"
@@ -93,52 +128,82 @@ def run_cases(
         cache = cache or RunCache(store)
         cache.store = cache.store or store
         cache.missing.clear()  # an earlier campaign, or another one, may have stored them meanwhile
-        return _run_planned(cases, jobs, progress, store, everything, cache)
+        return _Execution(groups, store, cache, everything=everything, ended=ended).run(jobs, progress)
 
 
-def _run_planned(
-    cases: Sequence[Case],
-    jobs: Jobs,
-    progress: Progress | None,
-    store: Store | None,
-    everything: bool,
-    cache: RunCache,
-) -> tuple[Result, ...]:
-    """Run all cases; keys are those of the place where runs are planned to be made."""
-    graph = Graph(cases, cache)
-    keeper = _Keeper(store, cache)
-    results = {node.name: Result(case=node.case, trajectory=node.run, key=node.key) for node in graph.stored}
-    shared = graph.shared
-    tasks = [
-        replace(_task(node, store, everything=everything), shared=node.name in shared)
-        for node in sorted(graph.tasks, key=order_of_node)
-    ]
-    remaining = {task.name: task.case.expected for task in tasks}
-    whole = sum(remaining.values())
+class _Execution:
+    """Groups of cases, and the results of their nodes as they come.
 
-    def say(label: str, part: float = 0.0) -> None:
+    Keys are those of the place where runs are planned to be made.
+    """
+
+    def __init__(
+        self, groups: Groupings, store: Store | None, cache: RunCache, *, everything: bool, ended: Ended | None
+    ) -> None:
+        self.cases, self.store, self.everything, self.ended = groups, store, everything, ended
+        self.graph = Graph((case for group in groups for case in group), cache)
+        self.groups = Groups([len(group) for group in groups], self.graph)
+        self.keeper = _Keeper(store, cache)
+        stored = self.graph.stored
+        self.results = {node.name: Result(case=node.case, trajectory=node.run, key=node.key) for node in stored}
+
+    def tasks(self) -> list[Task]:
+        """Return the tasks, the longest first; if ``ended``, those of a group one after another."""
+        shared, longest = self.graph.shared, self.groups.longest() if self.ended is not None else {}
+
+        def order(node: Node) -> tuple[float, ...]:
+            seconds, number = longest.get(node.name, (0.0, 0))
+            return -seconds, number, *order_of_node(node)
+
+        return [
+            replace(_task(node, self.store, everything=self.everything), shared=node.name in shared)
+            for node in sorted(self.graph.tasks, key=order)
+        ]
+
+    def run(self, jobs: Jobs, progress: Progress | None) -> list[tuple[Result, ...]]:
+        """Run the tasks, put together what needs them, and return the results of each group."""
+        tasks, total = self.tasks(), sum(map(len, self.cases))
+        remaining = {task.name: task.case.expected for task in tasks}
+        whole = sum(remaining.values())
+
+        def say(label: str, part: float = 0.0) -> None:
+            if progress is not None:
+                progress(total * (1.0 - (sum(remaining.values()) - part) / whole), total, label)
+
+        with (
+            campaign(len(tasks) + len(self.results), len(self.results)) as state,
+            closing(_outcomes(tasks, jobs, say, state)) as outcomes,
+        ):
+            self.finish()
+            for task, outcome in outcomes:
+                del remaining[task.name]
+                if outcome.error is not None:
+                    raise outcome.error
+                self.results[task.name] = self.keeper.take(task, outcome)
+                self.finish(task.name)
+                say(task.case.label)
+                state.update(done=1, failures=isinstance(outcome.failure, RunBroken))
+        if remaining:  # only where a stop is requested
+            after = "they are not kept" if not self.keeper.keeps else "they are kept, and a second call goes on"
+            raise Interrupted(f"interrupted after {state.done} of {state.total} runs; {after}")
         if progress is not None:
-            progress(len(cases) * (1.0 - (sum(remaining.values()) - part) / whole), len(cases), label)
+            progress(total, total, "")
+        return [self.of_group(number) for number in range(len(self.cases))]
 
-    with (
-        campaign(len(tasks) + len(results), len(results)) as state,
-        closing(_outcomes(tasks, jobs, say, state)) as outcomes,
-    ):
-        for task, outcome in outcomes:
-            del remaining[task.name]
-            if outcome.error is not None:
-                raise outcome.error
-            results[task.name] = keeper.take(task, outcome)
-            say(task.case.label)
-            state.update(done=1, failures=isinstance(outcome.failure, RunBroken))
-    if remaining:  # only where a stop is requested
-        after = "they are not kept" if store is None or store.trouble else "they are kept, and a second call goes on"
-        raise Interrupted(f"interrupted after {state.done} of {state.total} runs; {after}")
-    for node in graph.put_together():
-        results[node.name] = keeper.put_together(node, results, everything=everything)
-    if progress is not None:
-        progress(len(cases), len(cases), "")
-    return tuple(_as_of(case, results[name]) for case, name in zip(cases, graph.names, strict=True))
+    def finish(self, *made: str) -> None:
+        """Put together what can be now that further tasks are made, and hand over each group that is complete."""
+        complete = [*made] if made else [*self.results]
+        for node in self.graph.put_together(made):
+            self.results[node.name] = self.keeper.put_together(node, self.results, everything=self.everything)
+            complete.append(node.name)
+        if self.ended is not None:
+            for number in self.groups.completed(complete):
+                self.ended(number, self.of_group(number))
+
+    def of_group(self, number: int) -> tuple[Result, ...]:
+        """Return the results of a group that is complete."""
+        pairs = zip(self.cases[number], self.groups.names[number], strict=True)
+        return tuple(_as_of(case, self.results[name]) for case, name in pairs)
 
 
 def order_of_node(node: Node) -> tuple[float, float]:
@@ -162,6 +227,11 @@ class _Keeper:
 
     def __init__(self, store: Store | None, cache: RunCache) -> None:
         self.store, self.cache = store, cache
+
+    @property
+    def keeps(self) -> bool:
+        """Return True if there is a store that runs can be written to."""
+        return self.store is not None and not self.store.trouble
 
     def take(self, task: Task, outcome: Outcome) -> Result:
         """Return the result of a task; what other nodes need of it is in the cache then."""
@@ -206,20 +276,6 @@ class _Keeper:
             return replace(result, key=f"{key}: {result.failure}")
         self.store.save(key, result.trajectory)
         return replace(result, key=key)
-
-
-def run_groups(
-    groups: Sequence[Sequence[Case]],
-    *,
-    jobs: Jobs = 1,
-    progress: Progress | None = None,
-    store: Store | None = None,
-    cache: RunCache | None = None,
-) -> list[tuple[Result, ...]]:
-    """Run all groups of cases together, see :func:`run_cases`; return the results of each group."""
-    cases = [case for group in groups for case in group]
-    results = iter(run_cases(cases, jobs=jobs, progress=progress, store=store, cache=cache))
-    return [tuple(next(results) for _ in group) for group in groups]
 
 
 def _outcomes(

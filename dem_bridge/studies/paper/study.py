@@ -60,8 +60,9 @@ from dem_bridge.studies.paper.validity import contacts_table, scenes_table
 from dem_bridge.studies.scatter import ScatteredChains
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.reference_choice import REFERENCE, SCIPY
+from dem_bridge.verification.under_way import UnderWay
 from dem_bridge.verification.verification import Verification, verification_of
-from dem_bridge.verification.verify import DEFAULT_ACCURACY, ScenePlan, check_jobs, plan_scene
+from dem_bridge.verification.verify import DEFAULT_ACCURACY, ScenePlan, assess_when_ended, check_jobs, plan_scene
 
 CLAIMS_COLUMNS = ("claim", "where", "outcome", "kind", "finding", "margin", "another outcome by")
 
@@ -92,8 +93,12 @@ def verify_paper(
     engine: Engine | None = None,
     store: Store | None = None,
     extent: Extent | None = None,
+    under_way: UnderWay | None = None,
 ) -> Verification:
-    """Run and judge all shipped scenes and the paper's claims; arguments as of :func:`dem_bridge.verify`."""
+    """Run and judge all shipped scenes and the paper's claims; arguments as of :func:`dem_bridge.verify`.
+
+    ``under_way`` is given each scene as soon as its runs have ended.
+    """
     began, extent = time.perf_counter(), extent or Extent()
     check_jobs(jobs)
     checked_accuracy(accuracy)
@@ -112,11 +117,13 @@ def verify_paper(
     changed = [*variants(), *mass_gradients(engine), *matched(), *steeper_tapers()]
     parts: tuple[list[Sequence[Case]], ...] = ([plan.cases for plan in plans], [changed], [*sets], [*models], [*thumbs])
     together = list(chain.from_iterable(parts))
-    groups = iter(run_groups(together, jobs=jobs, progress=progress, store=store, cache=cache))
+    under_way = under_way or UnderWay(accuracy=accuracy)
+    ended = assess_when_ended(plans, under_way, store)
+    groups = iter(run_groups(together, jobs=jobs, progress=progress, store=store, cache=cache, ended=ended))
     of_scenes, [of_changed], of_sets, of_models, of_thumbs = ([next(groups) for _ in part] for part in parts)
     if progress is not None:
         progress(1.0, 1, "reading claims")
-    studies = tuple(plan.assess(results, store) for plan, results in zip(plans, of_scenes, strict=True))
+    studies = tuple(under_way.studies[number] for number in range(len(plans)))
 
     def read() -> dict[str, Any]:
         runs = Runs.of((*chain.from_iterable(of_scenes), *of_changed))

@@ -37,6 +37,7 @@ from dem_bridge.runs.campaign import (
     workers_of,
 )
 from dem_bridge.runs.campaign.nodes import Node
+from dem_bridge.runs.campaign.results import Result
 from dem_bridge.runs.campaign.tasks import Outcome, Task, Work, packed, perform_all, perform_task
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.digits import fingerprint
@@ -428,6 +429,20 @@ def test_results_of_groups_are_those_of_their_cases() -> None:
     cases = [short_case(dt=1e-6 / k) for k in range(1, 5)]
     groups = run_groups([cases[:1], [], cases[1:]])
     assert [[result.case for result in group] for group in groups] == [cases[:1], [], cases[1:]]
+
+
+def test_a_group_is_handed_over_before_the_runs_of_the_next_begin() -> None:
+    first, second = short_case(dt=1e-6), short_case(dt=5e-7)
+    events: list[object] = []
+
+    def ended(number: int, results: tuple[Result, ...]) -> None:
+        events.append((number, [result.case for result in results]))
+
+    cases = [[first], [second, first], [], [first]]
+    groups = run_groups(cases, progress=lambda *at: events.append(at[2]), ended=ended)
+    handed = [event for event in events if isinstance(event, tuple)]
+    assert sorted(handed) == [(n, [result.case for result in group]) for n, group in enumerate(groups)]
+    assert events.index((3, [first])) < events.index(second.label) < events.index((1, [second, first]))
 
 
 @pytest.mark.parametrize("stored", [False, True])

@@ -14,7 +14,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.runs import case as case_module
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign import run_cases
-from dem_bridge.runs.campaign.nodes import Estimate, Graph, Run
+from dem_bridge.runs.campaign.nodes import Estimate, Graph, Groups, Run
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.keys import run_key
 from dem_bridge.runs.store import Store
@@ -49,9 +49,45 @@ def test_an_estimate_needs_runs_and_the_family_of_a_twin() -> None:
     assert _needs(graph, _alone(TWIN)) == {TWIN}
     assert {type(node) for node in graph.nodes.values() if node.case.uncertainty} == {Estimate}
     assert {type(node) for node in graph.nodes.values() if not node.case.uncertainty} == {Run}
-    order = [node.case for node in graph.put_together()]
+    order = [node.case for node in graph.put_together(node.name for node in graph.tasks)]
     assert set(order) == {ASE, SCIPY, _alone(TWIN)}
     assert {graph.nodes[name].case for name in graph.shared} >= {TWIN, _alone(ASE), _alone(SCIPY)}
+
+
+def test_a_node_is_put_together_as_soon_as_what_it_needs_is_made() -> None:
+    graph = Graph([ASE, SCIPY, TWIN], RunCache())
+    at = {node.case: node.name for node in graph.nodes.values()}
+    assert list(graph.put_together()) == []
+    assert list(graph.put_together([at[TWIN]])) == []
+    assert [node.case for node in graph.put_together([at[_alone(ASE)]])] == [ASE]
+    rest = [at[case] for case in (_alone(SCIPY), *looser_cases(SCIPY))]
+    assert list(graph.put_together(rest[:-1])) == []
+    assert [node.case for node in graph.put_together(rest[-1:])] == [SCIPY]
+    assert list(graph.put_together()) == []
+
+
+def test_a_group_is_complete_once_when_its_last_node_is_made() -> None:
+    graph = Graph([TWIN, ASE, _alone(SCIPY), TWIN], RunCache())
+    groups = Groups([2, 0, 1, 1], graph)
+    twin, ase, scipy, _ = graph.names
+    assert list(groups.completed([])) == [1]
+    assert list(groups.completed([scipy])) == [2]
+    assert list(groups.completed([twin])) == [3]
+    assert list(groups.completed([twin, ase])) == [0]
+    assert list(groups.completed([twin, ase, scipy])) == []
+
+
+def test_tasks_of_a_group_have_the_time_of_the_longest_of_them() -> None:
+    graph = Graph([TWIN, _alone(SCIPY), ASE], RunCache())
+    twin, scipy, _ = graph.names
+    times = {node.name: node.case.expected for node in graph.tasks}
+    # the twin is of both groups: the second also needs it
+    longest = Groups([1, 2], graph).longest()
+    assert longest.keys() == times.keys()
+    assert set(longest.values()) == {(max(times.values()), 1)}
+    alone = Groups([1, 1, 1], graph).longest()
+    assert alone[scipy] == (times[scipy], 1)
+    assert alone[twin][1] == (0 if max(times, key=lambda name: times[name]) in (twin, scipy) else 2)
 
 
 def test_what_exists_already_is_not_needed() -> None:
