@@ -231,10 +231,11 @@ def test_only_its_own_module_imports_dask_and_only_when_it_connects() -> None:
     assert not any(isinstance(node, ast.ImportFrom) and node.module == "distributed" for node in tree.body)
 
 
-def test_only_scene_files_defects_and_texts_and_names_of_studies_are_parsed() -> None:
+def test_only_scene_files_defects_texts_names_of_studies_and_constants_are_parsed() -> None:
     importers = {name for name in _importers("tomllib") if name != "studies.extremes.catalogue"}
     scenes = {f"scene.{name}" for name in ("file.load", "file.write", "shipped")}
-    assert importers == {"api.guests", "lmp.known_defects", "report.texts", *scenes}
+    constants = "formats.tables.constants.table"
+    assert importers == {"api.guests", constants, "lmp.known_defects", "report.texts", *scenes}
     assert _importers("pydantic") == {"scene.file.load", "scene.file.forms"}
 
 

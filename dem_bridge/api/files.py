@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def export(
-    scene: Scene | str | Path,
+    scene: Scene | str | Path | None = None,
     *,
     table: str,
     format: str | None = None,
@@ -33,14 +33,15 @@ def export(
 
     Parameters
     ----------
-    scene : Scene, str or Path
-        Scene, name of a shipped scene, or path of a scene file.
-    table : {"contacts", "pair-coeffs", "bodies", "observables", "energy-ledger", "stiffness-curve", "angles"}
+    scene : Scene, str, Path or None
+        Scene, name of a shipped scene, or path of a scene file; None for the table "constants", which has no scene.
+    table : {"contacts", "pair-coeffs", "bodies", "observables", "energy-ledger", "stiffness-curve",
+        "angles", "constants"}
         Name of the table; see :func:`table_of`.
-    format : {"csv", "json", "parquet", "md", "tex", "lammps"}, optional
-        "csv", "json" and "parquet" keep every digit. "md" and "tex" (booktabs, siunitx) are rounded and have units in
-        the headings. "lammps", for the table pair-coeffs only, is read by the LAMMPS command ``include``. The default
-        follows from the ending of ``path``.
+    format : {"csv", "json", "yaml", "parquet", "md", "tex", "lammps", "c"}, optional
+        "csv", "json", "yaml" and "parquet" keep every digit. "md" and "tex" (booktabs, siunitx) are rounded and have
+        units in the headings. "lammps", for the table pair-coeffs only, is read by the LAMMPS command ``include``;
+        "c", for the table constants only, is a header for C and C++. The default follows from the ending of ``path``.
     path : str or Path, optional
         File to write.
     columns : sequence of str, optional
@@ -77,7 +78,7 @@ def export(
 
 
 def export_table(
-    scene: Scene | str | Path,
+    scene: Scene | str | Path | None,
     *,
     table: str,
     format: str | None = None,
@@ -101,20 +102,22 @@ def export_table(
     return data, content
 
 
-def table_of(scene: Scene | str | Path, table: str, *, with_run: bool = True, **settings: Any) -> Table:
+def table_of(scene: Scene | str | Path | None, table: str, *, with_run: bool = True, **settings: Any) -> Table:
     """Return a table of a scene as data.
 
     Parameters
     ----------
-    scene : Scene, str or Path
-        Scene, name of a shipped scene, or path of a scene file.
-    table : {"contacts", "pair-coeffs", "bodies", "observables", "energy-ledger", "stiffness-curve", "angles"}
+    scene : Scene, str, Path or None
+        Scene, name of a shipped scene, or path of a scene file; None for the table "constants", which has no scene.
+    table : {"contacts", "pair-coeffs", "bodies", "observables", "energy-ledger", "stiffness-curve",
+        "angles", "constants"}
         "contacts" lists geometry, stiffness, LAMMPS coefficients, predictions and results of each contact;
         "pair-coeffs" the coefficients of each pair of atom types for ``pair_style granular``; "bodies" masses, shapes
         and materials; "observables" arrival, residence time, speed and peak velocity of the front at each body;
         "energy-ledger" the energy that each contact stores and dissipates, with the rest of the balance in notes;
         "stiffness-curve" the stiffness of two crossed cylinders against their angle; "angles" the angle that gives the
-        stiffness of each contact.
+        stiffness of each contact; "constants" exact numbers of waves, impacts and damping laws, each with a second
+        computation.
     with_run : bool
         False for the table "contacts" without results of a run.
     **settings
@@ -142,10 +145,14 @@ def table_of(scene: Scene | str | Path, table: str, *, with_run: bool = True, **
     """
     check_arguments(table_of, locals())
     from dem_bridge.api.runs import solve
-    from dem_bridge.formats.tables.catalogue import table_named
+    from dem_bridge.formats.tables.catalogue import WITHOUT_SCENE, table_named
 
     build, needs_run, names = table_named(table)
-    scene = scene_of(scene)
+    if (scene is None) != (table in WITHOUT_SCENE):
+        given = "needs a scene, and none was given" if scene is None else f"has no scene, and {scene!s:.40} was given"
+        allowed = "the name of a shipped scene or a scene file" if scene is None else "no scene"
+        raise UsageError(f"table {table!r} {given}; allowed: {allowed}")
+    scenes = () if scene is None else (scene_of(scene),)
     if needs_run and not with_run:
         raise UsageError(f"table {table!r} consists of results of a run; leave out with_run=False (--no-run)")
     table_settings = {key: settings[key] for key in names if key in settings}
@@ -154,9 +161,9 @@ def table_of(scene: Scene | str | Path, table: str, *, with_run: bool = True, **
         if unknown:
             allowed = ", ".join(names) or "none"
             raise UsageError(f"table {table!r} without a run has no setting {unknown[0]!r}; allowed: {allowed}")
-        return build(scene, **table_settings)
-    run = solve(scene, **({"backend": "reference"} | settings))
-    return build(scene, run, **table_settings)
+        return build(*scenes, **table_settings)
+    run = solve(*scenes, **({"backend": "reference"} | settings))
+    return build(*scenes, run, **table_settings)
 
 
 #: key of a provenance whose value is the text of the scene file

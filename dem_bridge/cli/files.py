@@ -170,17 +170,26 @@ def _check_ends(runs: list[Trajectory], dt: float) -> None:
 
 @make_command(
     "export",
-    options.SCENE,
+    replace(options.SCENE, metavar="[SCENE]", required=False),
     Option(
         "table",
         "Table to write.",
-        ("contacts", "pair-coeffs", "bodies", "observables", "energy-ledger", "stiffness-curve", "angles"),
+        (
+            "contacts",
+            "pair-coeffs",
+            "bodies",
+            "observables",
+            "energy-ledger",
+            "stiffness-curve",
+            "angles",
+            "constants",
+        ),
         required=True,
     ),
     Option(
         "format",
         "Format of the table.",
-        ("csv", "json", "md", "tex", "parquet", "lammps"),
+        ("csv", "json", "yaml", "md", "tex", "parquet", "lammps", "c"),
         default="by the ending of FILE, else csv",
     ),
     Option("columns", "Columns to write, by their names in csv.", names, metavar="A,B", default="all"),
@@ -231,23 +240,24 @@ def _check_ends(runs: list[Trajectory], dt: float) -> None:
     options.FORCE,
 )
 def export(
-    scene: str,
     table: str,
     no_run: bool,
     force: bool,
+    scene: str | None = None,
     format: str | None = None,
     output: Path | None = None,
     **settings: Any,
 ) -> None:
     """Write a table of SCENE.
 
-    The tables have contacts, bodies, LAMMPS coefficients, results of a run, or contact angles.
+    The tables have contacts, bodies, LAMMPS coefficients, results of a run, or contact angles. The table `constants`
+    has no SCENE: exact numbers of waves, impacts and damping laws.
     """
     if output is not None:
-        check_output(scene, output, force)
+        check_output(scene or "", output, force)
     if no_run:
         settings["with_run"] = False
-    with waiting.fraction(f"table {table} of {scene}"):
+    with waiting.fraction(f"table {table} of {scene}" if scene else f"table {table}"):
         from dem_bridge.api.files import export_table
         from dem_bridge.formats.tables.render import format_for
 

@@ -183,7 +183,7 @@ def _peak_force(ratio: float) -> float:
 
 
 #: damping laws with a coefficient of restitution as their input
-RestitutionLaw = Literal["coeff_restitution", "tsuji"]
+RestitutionLaw = Literal["coeff_restitution", "tsuji", "tsuji_without_sqrt2"]
 
 
 def restitution(value: float) -> float:
@@ -241,7 +241,7 @@ def alpha_of_tsuji(e: float) -> float:
 
     The polynomial is a fit to the curve of Tsuji et al. for Hertz. Its prefactor is sqrt(2) for the effective mass of
     a pair. A contact with n = 5/2 that is not clipped has the restitution e to 1.1e-3 for e >= 0.1. LAMMPS: ``damping
-    tsuji``, with the prefactor from 2026 on.
+    tsuji``, with the prefactor from August 2026 on.
 
     Parameters
     ----------
@@ -272,6 +272,11 @@ def alpha_of_tsuji(e: float) -> float:
     for coefficient in (4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728):
         alpha = alpha * restitution(e) + coefficient
     return math.sqrt(2.0) * alpha
+
+
+def _alpha_of_tsuji_without_prefactor(e: float) -> float:
+    """Return the factor alpha by which LAMMPS damped with ``tsuji`` until July 2026: sqrt(2) is missing."""
+    return alpha_of_tsuji(e) / math.sqrt(2.0)
 
 
 def restitution_of_alpha(alpha: float, *, clip: bool, exponent: float = 2.5) -> float:
@@ -313,7 +318,8 @@ def restitution_obtained(e: float, *, clip: bool, law: RestitutionLaw = "coeff_r
     """Return the restitution of an impact for the coefficient ``e`` that a user writes.
 
     With ``law="coeff_restitution"`` it is e itself, or a larger value if forces are clipped, for every exponent of the
-    contact. With ``law="tsuji"`` the contact is Hertz's.
+    contact. With ``law="tsuji"`` the contact is Hertz's. "tsuji_without_sqrt2" is what LAMMPS does with ``damping
+    tsuji`` until July 2026, and what codes do that copied it; no scene has it.
 
     Parameters
     ----------
@@ -322,7 +328,7 @@ def restitution_obtained(e: float, *, clip: bool, law: RestitutionLaw = "coeff_r
     clipped : bool
         True if the net force is clipped at zero, as by LAMMPS' ``limit_damping``.
     law : str
-        "coeff_restitution" or "tsuji".
+        "coeff_restitution", "tsuji" or "tsuji_without_sqrt2".
 
     Raises
     ------
@@ -333,6 +339,8 @@ def restitution_obtained(e: float, *, clip: bool, law: RestitutionLaw = "coeff_r
     --------
     >>> [round(restitution_obtained(e, clip=True), 5) for e in (0.1, 0.3, 0.5, 0.7, 0.9)]
     [0.25273, 0.39714, 0.55028, 0.7182, 0.90203]
+    >>> round(restitution_obtained(0.5, clip=False, law="tsuji_without_sqrt2"), 5)
+    0.61608
     """
     return restitution_of_alpha(_alpha_function(law)(e), clip=clip)
 
@@ -400,4 +408,6 @@ def _alpha_function(law: str) -> Callable[[float], float]:
     """Return the function that computes alpha from the coefficient that is written."""
     if law not in get_args(RestitutionLaw):
         raise ValueError(f"law = {law!r}; allowed: {', '.join(map(repr, get_args(RestitutionLaw)))}")
+    if law == "tsuji_without_sqrt2":
+        return _alpha_of_tsuji_without_prefactor
     return alpha_of_tsuji if law == "tsuji" else alpha_of_restitution

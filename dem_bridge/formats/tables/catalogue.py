@@ -9,6 +9,7 @@ import numpy as np
 
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.tables.angles import angles, stiffness_curve
+from dem_bridge.formats.tables.constants.table import constants
 from dem_bridge.formats.tables.parameters import bodies, contacts, origin, pair_coeffs
 from dem_bridge.formats.tables.table import Column, Table, column, with_uncertainty
 from dem_bridge.observables.differences import Reading, read
@@ -130,8 +131,11 @@ TABLES: Mapping[str, tuple[Callable[..., Table], bool | None, tuple[str, ...]]] 
         "energy-ledger": (ledger, True, ()),
         "stiffness-curve": (stiffness_curve, None, ("angles", *_CYLINDERS)),
         "angles": (angles, None, ("law", *_CYLINDERS, "within")),
+        "constants": (constants, None, ()),
     }
 )
+#: tables of no scene; their function takes none
+WITHOUT_SCENE = ("constants",)
 
 
 def table_named(name: str) -> tuple[Callable[..., Table], bool | None, tuple[str, ...]]:

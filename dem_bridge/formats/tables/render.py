@@ -18,10 +18,13 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from dem_bridge.errors import UsageError
+from dem_bridge.formats.tables.constants.c_header import as_c_header
 from dem_bridge.formats.tables.table import Cell, Column, Table
 from dem_bridge.formats.units import PREFIXES, unit_of, with_power
 from dem_bridge.version import __version__
 
+#: the one table of a format that not every table has
+_ONLY = {"lammps": "pair-coeffs", "c": "constants"}
 #: largest number of significant digits in Markdown and LaTeX
 MOST_DIGITS = 6
 #: largest ratio of two numbers in a column whose cells have no powers of ten of their own
@@ -49,9 +52,9 @@ def format_for(name: str | None, path: Path | None, table: str) -> str:
         name = SUFFIXES[path.suffix]
     if name not in FORMATS:
         raise UsageError(f"format = {name!r} is unknown; allowed: {', '.join(FORMATS)}")
-    if name == "lammps" and table != "pair-coeffs":
+    if (only := _ONLY.get(name, table)) != table:
         raise UsageError(
-            f"table {table!r} cannot be written in the format 'lammps'; allowed: table 'pair-coeffs', or another format"
+            f"table {table!r} cannot be written in the format {name!r}; allowed: table {only!r}, or another format"
         )
     return name
 
@@ -69,6 +72,33 @@ def as_csv(table: Table) -> str:
 def as_json(table: Table) -> str:
     """Return the table as JSON of its schema (``table.SCHEMA``); an unknown cell is null."""
     return json.dumps(table.as_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def as_yaml(table: Table) -> str:
+    """Return the table as YAML with the keys of its JSON and a line for each row, the same to YAML 1.1 and 1.2."""
+    lines = []
+    for key, value in table.as_json().items():
+        if isinstance(value, list):
+            lines += [f"{key}:", *(f"- {_flow(entry)}" for entry in value)]
+        else:
+            lines.append(f"{key}: {_flow(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _flow(value: object) -> str:
+    """Return a JSON value as YAML in one line.
+
+    A number has a point also before an exponent: YAML 1.1 takes 1e-08 for a text.
+
+    >>> print(_flow({"name": "a: b", "value": 1e-08, "rest": [None, 2]}))
+    {"name": "a: b", "value": 1.0e-08, "rest": [null, 2]}
+    """
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{_flow(key)}: {_flow(part)}' for key, part in value.items())}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_flow, value))}]"
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    return text.replace("e", ".0e") if isinstance(value, float) and "." not in text else text
 
 
 def as_parquet(table: Table) -> bytes:
@@ -248,13 +278,16 @@ FORMATS: Mapping[str, Callable[[Table], str | bytes]] = MappingProxyType(
     {
         "csv": as_csv,
         "json": as_json,
+        "yaml": as_yaml,
         "md": as_markdown,
         "tex": as_tex,
         "parquet": as_parquet,
         "lammps": as_include,
+        "c": as_c_header,
     }
 )
 #: format of each file ending
 SUFFIXES: Mapping[str, str] = MappingProxyType(
-    {f".{name}": name for name in FORMATS} | {".markdown": "md", ".lmp": "lammps", ".inc": "lammps"}
+    {f".{name}": name for name in FORMATS}
+    | {".markdown": "md", ".lmp": "lammps", ".inc": "lammps", ".yml": "yaml", ".h": "c"}
 )

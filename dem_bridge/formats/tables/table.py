@@ -115,6 +115,20 @@ COLUMNS: Mapping[str, Mapping[str, Form]] = {
         "slope_paper": Form("d ln(stiffness)/d(angle), eq. 3.1", "1/deg"),
         "slope_exact": Form("d ln(stiffness)/d(angle), exact", "1/deg"),
     },
+    "constants": {
+        "name": Form("name", kind="text"),
+        "group": Form("group", kind="text"),
+        "quantity": Form("quantity", kind="text"),
+        "parameters": Form("parameters", kind="text"),
+        "value": Form("value", digits=12),
+        "unit": Form("unit", kind="text"),
+        "digits": Form("certain digits", kind="count"),
+        "second_value": Form("second value", digits=12),
+        "difference": Form("relative difference", digits=1),
+        "source": Form("source", kind="text"),
+        "method": Form("method", kind="text"),
+        "second_method": Form("second method", kind="text"),
+    },
 }
 
 

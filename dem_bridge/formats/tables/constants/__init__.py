@@ -1,0 +1,1 @@
+"""Compute the table of constants to take home."""
