@@ -37,6 +37,7 @@ def main(words: Sequence[str]) -> int:
     """Run the suite in a copy of its own and return the exit code of pytest."""
     with TemporaryDirectory(prefix="dem-bridge-guests-") as folder:
         copy = Path(folder)
+        copy.chmod(0o755)  # some tests read the package as a user who owns nothing
         copy_without_guests(copy)
         # the package of the copy goes before the installed one
         environment = {**os.environ, "PYTHONPATH": str(copy)}
