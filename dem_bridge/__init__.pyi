@@ -7,6 +7,7 @@ from dem_bridge.api.files import compare as compare
 from dem_bridge.api.files import export as export
 from dem_bridge.api.files import read_trajectory as read_trajectory
 from dem_bridge.api.files import table_of as table_of
+from dem_bridge.api.files import write_lammps_test as write_lammps_test
 from dem_bridge.api.files import write_trajectory as write_trajectory
 from dem_bridge.api.judge import check as check
 from dem_bridge.api.judge import judge as judge

@@ -77,6 +77,61 @@ def export(
     return export_table(scene, table=table, format=format, path=path, columns=columns, **settings)[1]
 
 
+def write_lammps_test(
+    scene: Scene | str | Path, path: str | Path, *, dt: float | None = None, replace: bool = True
+) -> Path:
+    """Write a scene as a unit test of LAMMPS, in the form of its ``unittest/granular``.
+
+    The recorded states are those of the reference solution, and ``epsilon`` is the error of the time step, so that the
+    test passes with every LAMMPS that is right. No LAMMPS is needed. The states are at times at which no velocity is
+    tiny but not zero, because the test program compares relative to each component; where there are no such times, the
+    test has positions only. For a collision of two bodies, or of a body with a wall, the test has the formula of the
+    restitution or of the largest overlap. The tag "unvetted" says that the error is not that of the step, so that
+    epsilon may not hold elsewhere.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Scene, name of a shipped scene or path of a scene file.
+    path : str or Path
+        File to write, .yaml.
+    dt : float, optional
+        Largest time step, s; the default is 1/1000 of the shortest contact time.
+    replace : bool
+        Whether a file that exists is replaced; False: it is an error.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    UnsupportedScene
+        If LAMMPS, our velocity-Verlet code or the reference cannot do the scene, or a test cannot contain it.
+
+    Examples
+    --------
+    >>> import dem_bridge as db, tempfile
+    >>> pair = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = db.write_lammps_test(pair, f"{folder}/dem02-pair.yaml", dt=1e-7)
+    ...     text = file.read_text()
+    ...     db.scene_from_deck(file).n_body
+    2
+    >>> [line for line in text.splitlines() if line.startswith(("epsilon", "analytic_model"))]
+    ['epsilon: 4.8e-06', 'analytic_model: hertz_peak']
+    """
+    check_arguments(write_lammps_test, locals())
+    from dem_bridge.judging.unit_test.written import unit_test_of
+
+    path = Path(path)
+    check_file(path)
+    test = unit_test_of(scene_of(scene), dt=dt, name=path.stem)
+    write_whole(path.parent, {path.name: test.text}, replace=replace)
+    return path
+
+
 def export_table(
     scene: Scene | str | Path | None,
     *,

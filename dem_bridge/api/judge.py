@@ -45,9 +45,10 @@ def judge(
         Files of one scene: CSV, text columns, npz, netCDF, LAMMPS or LIGGGHTS dump, extended XYZ, ASE or VTK. A string
         may end in the time step of its run, "FILE@DT" in s. All files with a time step give the order of convergence;
         the one with the finest step decides the outcome. A LAMMPS input script is run as it is, and what in it limits
-        the accuracy is listed.
+        the accuracy is listed. Of a unit test of LAMMPS (.yaml) the recorded states are judged.
     scene : Scene, str or Path
-        Scene of the files, name of a shipped scene or path of a scene file.
+        Scene of the files, name of a shipped scene or path of a scene file. A unit test of LAMMPS needs none: its
+        commands state it.
     command : str or sequence of str, optional
         A foreign code to run in place of files, such as "mycode {scene} {dt} {out.csv}". The placeholders are
         ``{scene}`` or ``{scene.json}``, ``{scene.toml}``, ``{deck}`` (a LAMMPS deck), ``{dt}`` in s, and ``{out}`` or
@@ -106,9 +107,13 @@ def judge(
     """
     check_arguments(judge, locals())
     from dem_bridge.judging.beside import judge_command, judge_files
-    from dem_bridge.judging.deck import is_deck
+    from dem_bridge.judging.deck import is_deck, is_unit_test_file
 
     paths = [with_step(file) for file in (files if _is_several(files) else [cast(File, files)])]
+    if scene is None and (test := next((path for path, _ in paths if is_unit_test_file(path)), None)):
+        from dem_bridge.api.scenes import scene_from_deck
+
+        scene = scene_from_deck(test)
     if scene is None:
         if deck := next((path for path, _ in paths if is_deck(path)), None):
             raise UsageError(f"no scene was given, and {deck} is a LAMMPS input script; write: dem-bridge check {deck}")
@@ -165,7 +170,7 @@ def check(
     progress: Callable[[float, int, str], None] | None = None,
     announce: Callable[[float | None], None] | None = None,
 ) -> Check:
-    """Check a LAMMPS input script, or the deck of a scene: is its law right, is its step right, and what to write.
+    """Check a LAMMPS input script or unit test, or the deck of a scene: law, step, and what to write.
 
     A copy of the script runs with one more dump. The law is right if LAMMPS differs from our code at the same step by
     round-off only. The step is right if velocities are within ``accuracy`` of the reference solution. What cannot be
@@ -174,7 +179,8 @@ def check(
     Parameters
     ----------
     file : str, Path or Scene
-        LAMMPS input script, scene file (.toml), name of a shipped scene, or Scene.
+        LAMMPS input script, unit test of LAMMPS (unittest/granular, .yaml), scene file (.toml), name of a shipped
+        scene, or Scene. Of a unit test the recorded states are judged, too, and the test is executed as by LAMMPS.
     accuracy : float
         Permissible error of velocities, relative to the largest velocity of all bodies and samples.
     dt : float, optional
@@ -193,8 +199,9 @@ def check(
     Returns
     -------
     Check
-        A mapping with outcome ("PASS", "FAIL", "UNDECIDED" or "BROKEN"), law, step, engine, plausibility and advice,
-        the lines to write. ``print`` shows them in eight lines; :meth:`save` writes a page.
+        A mapping with outcome ("PASS", "FAIL", "UNDECIDED" or "BROKEN"), law, step, engine, recorded (None unless
+        the file is a unit test), plausibility and advice, the lines to write. ``print`` shows them in eight lines;
+        :meth:`save` writes a page.
 
     Raises
     ------

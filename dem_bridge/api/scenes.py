@@ -169,13 +169,16 @@ def deck_read(path: Path, *, files_below: str | Path | None = None, **settings: 
     """Return the scene of a LAMMPS input script, as :func:`scene_from_deck`, with notes on how it was read."""
     from dem_bridge.foundation.script_files import files_of, is_script
     from dem_bridge.lmp.reader.to_scene import read_deck
+    from dem_bridge.lmp.unit_test import is_unit_test, read_unit_test
 
-    kind = "a LAMMPS input script"
+    kind, name = "a LAMMPS input script or a unit test of LAMMPS", path.name
     text = _text(path, kind)
+    if is_unit_test(text):
+        text, name = read_unit_test(text, str(path)).script, f"{name} as a script"
     if text.strip() and not is_script(text):
         raise SceneError("", problem="no line of the file is a command of LAMMPS", allowed=kind, where=str(path))
     try:
-        return read_deck(text, file=path.name, opened=files_of(path.parent, files_below), **settings)
+        return read_deck(text, file=name, opened=files_of(path.parent, files_below), **settings)
     except DemBridgeError:
         raise
     except OF_DAMAGED_DATA as error:

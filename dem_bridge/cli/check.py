@@ -37,7 +37,7 @@ _RANGE_OF_COST = (0.7, 2.0)
     AS_JSON,
 )
 def check(file: str, as_json: bool = False, folder: Path | None = None, **settings: Any) -> None:
-    """Check FILE, a LAMMPS input script or a scene.
+    """Check FILE, a LAMMPS input script, a unit test of LAMMPS or a scene.
 
     Is the law right, is the time step right, and what to write. The answer has at most eight entries.
 

@@ -184,7 +184,12 @@ def _check_ends(runs: list[Trajectory], dt: float) -> None:
             "angles",
             "constants",
         ),
-        required=True,
+    ),
+    Option(
+        "lammps_test",
+        "Write a unit test of LAMMPS (unittest/granular) into FILE in place of a table, for the step --dt.",
+        FILE,
+        metavar="FILE.yaml",
     ),
     Option(
         "format",
@@ -240,19 +245,28 @@ def _check_ends(runs: list[Trajectory], dt: float) -> None:
     options.FORCE,
 )
 def export(
-    table: str,
     no_run: bool,
     force: bool,
     scene: str | None = None,
+    table: str | None = None,
+    lammps_test: Path | None = None,
     format: str | None = None,
     output: Path | None = None,
     **settings: Any,
 ) -> None:
-    """Write a table of SCENE.
+    """Write a table of SCENE, or SCENE as a unit test of LAMMPS.
 
     The tables have contacts, bodies, LAMMPS coefficients, results of a run, or contact angles. The table `constants`
     has no SCENE: exact numbers of waves, impacts and damping laws.
     """
+    if lammps_test is not None:
+        others = {"--table": table, "--format": format, "--output": output, "--no-run": no_run, **settings}
+        _export_lammps_test(scene, lammps_test, force, others)
+        return
+    if table is None:
+        raise UsageError(
+            "neither --table nor --lammps-test was given; give the table to write, or --lammps-test FILE.yaml"
+        )
     if output is not None:
         check_output(scene or "", output, force)
     if no_run:
@@ -274,10 +288,28 @@ def export(
         click.echo(f"written: {output}")
 
 
+def _export_lammps_test(scene: str | None, file: Path, force: bool, settings: dict[str, Any]) -> None:
+    """Write a scene as a unit test of LAMMPS; raise UsageError for options of tables that were given with it."""
+    dt = settings.pop("dt", None)
+    if scene is None:
+        raise UsageError("--lammps-test was given without a scene; give the scene of the test: export SCENE")
+    if given := [name for name, value in settings.items() if value]:
+        raise UsageError(
+            f"--lammps-test was given with {', '.join(given)}; allowed with it: --dt and --force; leave out the rest"
+        )
+    check_output(scene, file, force)
+    with waiting.bar(label=f"unit test of {scene}"):
+        dem_bridge.write_lammps_test(scene, file, dt=dt)
+    click.echo(f"written: {file}")
+
+
 @make_command(
     "judge",
     Argument("files", "[FILE[@DT]...]", many=True),
-    replace(options.SCENE_OF_FILE, help="Scene of the files: name of a shipped scene or a scene file; required."),
+    replace(
+        options.SCENE_OF_FILE,
+        help="Scene of the files: name of a shipped scene or a scene file; required, except for a unit test of LAMMPS.",
+    ),
     Option(
         "command",
         "Run a code in place of reading files, such as 'mycode {scene} {dt} {out.csv}'; {scene} is JSON, {scene.toml}"
@@ -332,7 +364,8 @@ def judge(
 
     Each FILE holds samples of one run: FILE, or FILE@DT with the time step of the run in s. Several files with
     different time steps give the order of convergence; the one with the finest step decides the outcome. A FILE that is
-    a LAMMPS input script is run as it is. With --command a code is run in place of reading files.
+    a LAMMPS input script is run as it is; of a unit test of LAMMPS (.yaml) the recorded states are judged. With
+    --command a code is run in place of reading files.
 
     The exit code is 0 for PASS, 1 for FAIL, 3 for a run that failed and 4 for UNDECIDED.
     """

@@ -30,6 +30,7 @@ from dem_bridge.lmp.process import run_deck, workspace
 from dem_bridge.lmp.reader.evaluation import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.script import Command, Opened, Script, given_variables
 from dem_bridge.lmp.reader.to_scene import ReadDeck, read_deck
+from dem_bridge.lmp.unit_test import is_unit_test
 from dem_bridge.scene.scene import Scene
 
 #: the added dump, and its file
@@ -120,12 +121,22 @@ class UserDeck:
 
 def is_deck(path: Path) -> bool:
     """Return True if a file is a LAMMPS input script, by its content."""
+    head = _head(path)
+    return not is_unit_test(head) and "\0" not in head and "ITEM:" not in head and _DECK.search(head) is not None
+
+
+def is_unit_test_file(path: Path) -> bool:
+    """Return True if a file is a unit test of LAMMPS, by its content."""
+    return is_unit_test(_head(path))
+
+
+def _head(path: Path) -> str:
+    """Return the beginning of a file; '' if it cannot be read."""
     try:
         with opened(path, MOST_BYTES) as file:
-            head = file.read(100_000) or b""
+            return (file.read(100_000) or b"").decode(errors="replace")
     except OSError:
-        return False
-    return b"\0" not in head and b"ITEM:" not in head and _DECK.search(head.decode(errors="replace")) is not None
+        return ""
 
 
 def user_deck(

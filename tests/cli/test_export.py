@@ -123,3 +123,16 @@ def test_parquet_goes_to_a_file(export: Export, tmp_path: Path) -> None:
     file = tmp_path / "bodies.parquet"
     assert export("--table", "bodies", "-o", str(file)).exit_code == 0
     assert pd.read_parquet(file)["mass_kg"].tolist() == [8.1e-3, 1e-2, 1e-2]
+
+
+def test_a_unit_test_of_lammps_is_written_in_place_of_a_table(export: Export, tmp_path: Path) -> None:
+    file = tmp_path / "dem01-small.yaml"
+    done = export("--lammps-test", str(file), "--dt", "1e-6")
+    assert done.exit_code == 0, done.output
+    assert file.read_text().startswith("---\nlammps_version: the reference solution of dem_bridge ")
+    assert db.scene_from_deck(file).mass == db.load_scene(tmp_path / "small.toml").mass
+    _one_line(export("--lammps-test", str(file)), "exists")
+    _one_line(export("--lammps-test", str(file), "--table", "contacts"), "--lammps-test was given with --table")
+    _one_line(export(), "neither --table nor --lammps-test was given")
+    done = CliRunner().invoke(main, ["export", "--lammps-test", str(file)])
+    _one_line(done, "without a scene")

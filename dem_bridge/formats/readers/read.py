@@ -28,11 +28,13 @@ from dem_bridge.formats.readers.frames_to_record import draft_of_frames
 from dem_bridge.formats.readers.record import Record
 from dem_bridge.formats.readers.rounding import texts_of
 from dem_bridge.formats.readers.tables import Table, read_text
+from dem_bridge.formats.readers.unit_tests import draft_of_unit_test
 from dem_bridge.formats.readers.vtk import frame_of, places, read_legacy, read_pvd, read_xml
 from dem_bridge.foundation import guests
 from dem_bridge.foundation.files import MOST_BYTES, named_file, opened
 from dem_bridge.foundation.netcdf import is_netcdf
 from dem_bridge.foundation.numbers import LARGEST, SMALLEST
+from dem_bridge.lmp.unit_test import UnitTest, is_unit_test, read_unit_test
 from dem_bridge.scene.scene import Scene
 
 #: a file of a code, with or without its time step
@@ -181,6 +183,8 @@ def read_record(
     path = Path(path)
     choices = Choices(dt, columns, units, bodies, axis)
     with damage_as_usage_error(path):
+        if (test := _unit_test(path)) is not None:
+            return draft_of_unit_test(path.name, test).record(scene)
         contents, default_units = load(path, choices)
         if isinstance(contents, Frames):
             return draft_of_frames(path.name, contents, scene, choices, default_units).record(scene)
@@ -216,6 +220,14 @@ def load(path: Path, choices: Choices) -> tuple[Table | Frames, str]:
     if looks_like_xyz(text):
         return read_xyz([text]), "si"
     return read_text(text), "si"
+
+
+def _unit_test(path: Path) -> UnitTest | None:
+    """Return the unit test of LAMMPS in a file; None if the file is something else."""
+    if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
+        return None
+    text = text_of(read_bytes(path))
+    return read_unit_test(text, path.name) if is_unit_test(text) else None
 
 
 def _of_guest(path: Path) -> Table | Frames | None:

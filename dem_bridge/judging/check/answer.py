@@ -14,6 +14,7 @@ from dem_bridge.judging.check.law import EngineAnswer, LawAnswer
 from dem_bridge.judging.check.plausible import Plausibility
 from dem_bridge.judging.check.step import StepAnswer
 from dem_bridge.judging.judgement import KeyedAnswer
+from dem_bridge.judging.unit_test.recorded import RecordedAnswer
 from dem_bridge.observables.verdict import Outcome, exit_code, plain
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from dem_bridge.trajectory.trajectory import Floats
 
 #: keys of a check, in their order
-KEYS = ("outcome", "law", "step", "engine", "plausibility", "advice", "notes")
+KEYS = ("outcome", "law", "step", "engine", "recorded", "plausibility", "advice", "notes")
 #: lines to write that the terminal shows
 MOST_LINES_TO_WRITE = 3
 #: properties that, if they are not plausible, make an answer doubtful
@@ -92,11 +93,14 @@ class Check(KeyedAnswer):
     companions: Mapping[str, bytes] = field(default_factory=dict)
     """Files that the script consists of or reads, by name; empty if there is nothing to write."""
     pictures: Pictures | None = None
+    recorded_answer: RecordedAnswer | None = None
+    """The states that a unit test of LAMMPS recorded; None for another script."""
 
     @property
     def outcome(self) -> str:
         """PASS, FAIL, UNDECIDED or BROKEN."""
         outcomes = [self.law_answer.outcome, self.step_answer.outcome, self.engine_answer.outcome]
+        outcomes += [self.recorded_answer.outcome] if self.recorded_answer is not None else []
         if Outcome.FAIL in outcomes:
             return Outcome.FAIL.value
         order = (Outcome.BROKEN, Outcome.UNDECIDED, Outcome.PASS)
@@ -142,6 +146,11 @@ class Check(KeyedAnswer):
     def engine(self) -> dict[str, Any]:
         """The release that ran the script, and its known defects that the script meets."""
         return self.engine_answer.as_json()
+
+    @property
+    def recorded(self) -> dict[str, Any] | None:
+        """The states that a unit test of LAMMPS recorded, judged by our code, and the result of the test here."""
+        return None if self.recorded_answer is None else self.recorded_answer.as_json()
 
     @property
     def plausibility(self) -> list[dict[str, Any]]:
@@ -207,7 +216,13 @@ class Check(KeyedAnswer):
         yield "step", f"{_OF_STEP[self.step_answer.outcome]}: {self.step_answer.sentence}"
         if not spare:
             yield "release", self.engine_answer.sentence
-        yield "plausible", self.plausible_text
+        if self.recorded_answer is not None:  # in place of what is plausible, which the page has
+            yield (
+                "recorded",
+                f"{_OF_LAW.get(self.recorded_answer.outcome, 'not judged')}: {self.recorded_answer.sentences}",
+            )
+        else:
+            yield "plausible", self.plausible_text
         if page:
             yield "page", page
 

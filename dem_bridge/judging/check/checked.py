@@ -21,6 +21,7 @@ from dem_bridge.judging.check.plausible import LARGEST_OVERLAP_AT_START, plausib
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
 from dem_bridge.judging.check.subject import Subject, short_problem, subject_of, why_unread
 from dem_bridge.judging.deck import user_deck
+from dem_bridge.judging.unit_test.recorded import recorded_of
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_of
 from dem_bridge.lmp.process import probe
@@ -305,6 +306,9 @@ def _answer(lab: Laboratory, first: Finding, last: Finding, edits: tuple[Edit, .
         corrected=applied(originals, edits) if edits else {},
         companions=subject.companions() if edits else {},
         pictures=_pictures(lab, first),
+        recorded_answer=None
+        if subject.test is None
+        else recorded_of(subject.test, subject.deck, lab.engine, lab.time_limit),
     )
 
 
@@ -333,6 +337,8 @@ def _notes(lab: Laboratory, mended: bool) -> list[str]:
         notes.append(
             f"The script has no run: it was checked with `{subject.added[0].new}`, in which a front passes all bodies."
         )
+    if subject.test is not None:
+        notes.append(f"The script {subject.path.name} has the commands of the unit test in the order of LAMMPS.")
     if subject.of_scene:
         notes.append(f"The script is the deck of the scene at {number(subject.deck.dt)} s.")
     notes += [f"Without effect on the scene: {short_problem(problem)}." for problem in subject.deck.overlooked]

@@ -22,7 +22,7 @@ from dem_bridge.physics.damped_impact import alpha_of_tsuji, restitution_of_alph
 
 #: relative difference of LAMMPS from our code at the same step that only round-off explains, and the multiple of what a
 #: particle radius changes that counts as round-off, too
-LARGEST_ROUNDOFF, _MULTIPLE_OF_RADIUS_CHANGE = 1e-7, 20.0
+LARGEST_ROUNDOFF, MULTIPLE_OF_RADIUS_CHANGE = 1e-7, 20.0
 #: how many times finer the steps are at which a difference is measured again, the part of it that must be gone then,
 #: and the largest that may be left
 _FACTOR_OF_FINER_STEPS, _LARGEST_SHARE_LEFT, _LARGEST_LEFT = 4, 0.5, 0.03
@@ -202,7 +202,7 @@ def _difference(lab: Laboratory, run: LammpsRun, dt: float) -> tuple[float, floa
         nearest = min(float(np.max(apart)), float(np.max(np.abs(run.velocity[:rows] - plain[:rows, columns]))))
     difference = max(nearest, lab.apart_while_active(run, dt, radius)) / lab.speed
     return difference if math.isfinite(difference) else math.inf, max(
-        LARGEST_ROUNDOFF, _MULTIPLE_OF_RADIUS_CHANGE * round_off
+        LARGEST_ROUNDOFF, MULTIPLE_OF_RADIUS_CHANGE * round_off
     )
 
 

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,10 @@ from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import SceneError, UnsupportedScene, UsageError
 from dem_bridge.foundation.files import MOST_BYTES, text_of_file
 from dem_bridge.judging.check.edits import Edit, applied, finer, keeps_duration, only_steps
-from dem_bridge.judging.deck import UserDeck, is_deck, named_paths, user_deck
+from dem_bridge.judging.deck import UserDeck, is_deck, is_unit_test_file, named_paths, user_deck
 from dem_bridge.lmp.process import workspace
 from dem_bridge.lmp.reader.evaluation import UNITS
+from dem_bridge.lmp.unit_test import UnitTest, read_unit_test
 from dem_bridge.scene.file import scene_of
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import contact_time_of, samples_of
@@ -51,6 +52,8 @@ class Subject:
     assumed: str = ""
     """What the step of a scene's deck is, such as "1/50 of the shortest contact time"; '' if it was given."""
     variables: Mapping[str, str] = field(default_factory=dict)
+    test: UnitTest | None = None
+    """The unit test of LAMMPS whose commands the script has; None for another script."""
 
     @property
     def unit(self) -> float:
@@ -133,21 +136,34 @@ def subject_of(
     """
     path = None if isinstance(file, Scene) else Path(file)
     if path is not None and path.is_file() and path.suffix != ".toml":
-        if not is_deck(path):
-            problem = "the file is neither a LAMMPS input script nor a scene file (.toml)"
+        unit_test = is_unit_test_file(path)
+        if not unit_test and not is_deck(path):
+            problem = "the file is neither a LAMMPS input script nor a scene file (.toml) nor a unit test of LAMMPS"
             raise SceneError("", problem=problem, allowed="one of these, or the name of a scene", where=str(file))
         if dt is not None:
             raise UsageError(
                 f"{file} is an input script, which has its own time step; leave out --dt {dt:g}, or write the step as a"
                 f" variable and give it by --var, such as --var dt={dt:g}"
             )
-        yield _script(path, variables)
+        if unit_test:
+            with workspace() as folder:
+                yield _unit_test(path, folder, variables)
+        else:
+            yield _script(path, variables)
         return
     if variables:
         raise UsageError(f"variables were given, but {file} is a scene; they are those of an input script")
     scene = scene_of(file)
     with workspace() as folder:
         yield _deck_of(scene, scene.name if path is None else str(file), folder, dt)
+
+
+def _unit_test(path: Path, folder: Path, variables: Mapping[str, str] | None) -> Subject:
+    """Return the commands of a unit test as an input script, which is written into a folder."""
+    test = read_unit_test(text_of_file(path), str(path))
+    script = folder / f"in.{test.name}"
+    script.write_text(test.script, encoding="utf-8")
+    return replace(_script(script, variables), name=path.name, test=test)
 
 
 def _script(path: Path, variables: Mapping[str, str] | None) -> Subject:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,8 @@ from dem_bridge.lmp.reader.particles import Particle
 from dem_bridge.lmp.reader.script import Command
 
 _AXES = "xyz"
+#: sections of a law of contact by which it resists rolling or twisting
+_RESISTS = re.compile(r"\b(rolling|twisting|rolling_friction)\s+(?!none\b)")
 _NONE = [0.0, 0.0, 0.0]
 
 
@@ -155,6 +158,7 @@ def line_of(script: ReadScript, reverse: bool | None) -> Line:
         description=f"the chain lies along {_AXES[axis]}; {where}",
     )
     _check_places(command, line)
+    _check_spins(line)
     return line
 
 
@@ -244,6 +248,24 @@ def _check_places(command: Command, line: Line) -> None:
         if k != line.axis and particles.boundary[k] == "p" and high - low < widest:
             problem = f"runs in a box that is {high - low:g} wide along {_AXES[k]}, so that atoms meet their images"
             raise command.error(problem, f"{widest:g}, the largest diameter, or more")
+
+
+def _check_spins(line: Line) -> None:
+    """Raise SceneError unless the spins of the bodies cause no force: at each contact the two surfaces move alike.
+
+    The surfaces of two bodies move alike across the chain if the sum of radius times spin is zero, as it is for equal
+    spheres of equal and opposite spin. Rolling and twisting resistance would act nevertheless.
+    """
+    spun = line.script.particles.spun
+    if spun is None:
+        return
+    allowed = "no spin, or spins of which the sum of radius times spin is 0 at each contact, such as equal and opposite"
+    for contact in line.contacts:
+        slip = [math.fsum(atom.radius * atom.spin[k] for atom in contact.bodies) for k in range(3)]
+        along = [atom.spin[line.axis] for atom in contact.bodies]
+        spun.fail_if(any(slip) or any(along), f"lets the surfaces of {contact.names} slide on each other", allowed)
+        resisting = any(atom.spin != _NONE for atom in contact.bodies) and _RESISTS.search(contact.law.command.text)
+        spun.fail_if(bool(resisting), f"spins {contact.names}, whose law resists rolling or twisting", allowed)
 
 
 def _flight(line: Line) -> float:

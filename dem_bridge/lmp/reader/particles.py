@@ -35,6 +35,8 @@ class Particle:
     weighed: bool = False
     """True if the mass is given, and not a product of density and volume."""
     velocity: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    spin: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    """Angular velocity; a chain may have only such spins as cause no force."""
 
     @property
     def radius(self) -> float:
@@ -67,6 +69,8 @@ class Particles:
     atoms: dict[int, Particle] = field(default_factory=dict)
     groups: dict[str, set[int]] = field(default_factory=dict)
     regions: dict[str, Command] = field(default_factory=dict)
+    spun: Command | None = None
+    """The last command that gave atoms a spin."""
     _last: int = 0
     """Largest id of an atom."""
 
@@ -263,8 +267,9 @@ class Particles:
             self.script.count(command, len(self.atoms) // 20)
         command.fail_if(not chosen, "changes no atom", "atoms that exist")
         self.script.count(command, len(chosen) * len(pairs) // 8)
-        for key, word in self._without_spin(command, pairs):
-            command.fail_if(key not in _SETTABLE, f"sets {key}, which is not supported", ", ".join(_SETTABLE))
+        for key, word in self._pairs(command, pairs):
+            known = key in _SETTABLE or key in _SPINS
+            command.fail_if(not known, f"sets {key}, which is not supported", ", ".join(_SETTABLE))
             rows = self._rows(command, word)
             for number in sorted(chosen):
                 if rows is not None and number not in rows:
@@ -272,18 +277,14 @@ class Particles:
                 value = self.script.number(command, word) if rows is None else rows[number]
                 self._set(command, self.atoms[number], key, value)
 
-    def _without_spin(self, command: Command, words: list[str]) -> list[tuple[str, str]]:
-        """Return the keys and values of a ``set`` command without spins of zero."""
+    def _pairs(self, command: Command, words: list[str]) -> list[tuple[str, str]]:
+        """Return the keys and values of a ``set`` command, with the three components of ``omega`` apart."""
         while "omega" in words[::2]:
             at = 2 * words[::2].index("omega")
             spins = [word for pair in zip(_SPINS, words[at + 1 : at + 4], strict=False) for word in pair]
             words = [*words[:at], *spins, *words[at + 4 :]]
         command.fail_if(len(words) % 2 == 1, "has a key without a value", f"{', '.join(_SETTABLE)} with a value")
-        pairs = list(zip(words[::2], words[1::2], strict=True))
-        for key, word in pairs:
-            if key in _SPINS and self.script.number(command, word) != 0.0:
-                raise command.error(f"sets {key} to {word}", "0, since bodies of a scene do not rotate")
-        return [pair for pair in pairs if pair[0] not in _SPINS]
+        return list(zip(words[::2], words[1::2], strict=True))
 
     def _rows(self, command: Command, word: str) -> dict[int, float] | None:
         """Return the values by atom of a variable of style atomfile, or None for one value for all."""
@@ -314,7 +315,9 @@ class Particles:
             if self.keep_density:  # else the mass does not change
                 atom.made_of(atom.density, disc=self.dimension == 2)
         else:
-            where = atom.velocity if key.startswith("v") else atom.place
+            if key in _SPINS and value != 0.0:
+                self.spun = command
+            where = atom.spin if key in _SPINS else atom.velocity if key.startswith("v") else atom.place
             where["xyz".index(key[-1])] = value
 
     def set_velocity(self, command: Command) -> None:

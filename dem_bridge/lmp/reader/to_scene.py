@@ -50,6 +50,8 @@ class ReadDeck:
     scene: Scene
     notes: tuple[str, ...]
     """Sentences about what was recognised and assumed."""
+    line: Line
+    """The particles of the script in the order of the scene."""
     time_steps: tuple[float, ...] = ()
     """Distinct time steps of the script's runs, s."""
     mixed: tuple[str, ...] = ()
@@ -161,7 +163,7 @@ def _read_scene(
     # a script without a run may have a step, too
     last = [] if script.step is None else [script.step]
     steps = tuple(step * time for step in script.time_steps or last)
-    return ReadDeck(scene=scene, notes=tuple(notes), time_steps=steps, mixed=_mixed(line, scene))
+    return ReadDeck(scene=scene, notes=tuple(notes), line=line, time_steps=steps, mixed=_mixed(line, scene))
 
 
 def _mixed(line: Line, scene: Scene) -> tuple[str, ...]:

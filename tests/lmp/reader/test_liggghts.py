@@ -129,7 +129,7 @@ def test_a_property_without_effect_and_suffixes_of_styles_are_skipped() -> None:
             "has a wall that is not supported; allowed: wall/",
         ),
         ("primitive type 2 xplane 0.03020017", "primitive type 2 zcylinder 1 0 0", "has a wall that is not supported"),
-        ("set atom 1 vx 5", "set atom 1 vx 5 omegaz 1", "sets omegaz to 1; allowed: 0, since bodies of a scene do not"),
+        ("set atom 1 vx 5", "set atom 1 vx 5 omegaz 1", "slide on each other; allowed: no spin, or"),
         (
             "hertz tangential off\npair",
             "hertz tangential off\npair_style gran/hertz/history 1 0\npair",

@@ -454,7 +454,7 @@ REFUSED = [
     ({"coefficients": "pair_coeff * * dmt 1e9 0 0.6 0 damping velocity"}, "has an impossible material; allowed: E > 0"),
     ({"coefficients": "pair_coeff * * dmt 0 0 0.3 0 damping velocity"}, "has an impossible material; allowed: E > 0"),
     ({"sizes": "set type 1 mass v_m"}, "uses the variable m, which is not defined"),
-    ({"start": "set atom 1 omega 0 0 1"}, "allowed: 0, since bodies of a scene do not"),
+    ({"start": "set atom 1 omega 0 0 1"}, "slide on each other; allowed: no spin, or spins of which the sum of radius"),
     ({"coefficients": "pair_coeff * * jkr 1e9 0 0.3 10 damping velocity"}, "has the normal model jkr, which is not"),
     ({"coefficients": "pair_coeff * * dmt 1e9 0 0.3 -1 damping velocity"}, "has a surface energy below 0"),
     ({"coefficients": "pair_coeff * * dmt 1e9 5 0.3 1 damping velocity limit_damping"},

@@ -1,0 +1,1 @@
+"""LAMMPS' unit tests of granular models: judged, executed as its test program does, and written."""
