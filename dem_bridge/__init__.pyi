@@ -34,6 +34,7 @@ from dem_bridge.physics.contact_law import law_of as law_of
 from dem_bridge.report.study import Study as Study
 from dem_bridge.runs.planning.answer import Plan as Plan
 from dem_bridge.scene import features as features
+from dem_bridge.scene.contact_numbers import contact_numbers as contact_numbers
 from dem_bridge.scene.drive import Drive as Drive
 from dem_bridge.scene.file import load_scene as load_scene
 from dem_bridge.scene.file.bodies import chain as chain

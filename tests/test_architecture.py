@@ -206,6 +206,7 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
             "click",
             {
                 "cli.check",
+                "cli.contact",
                 "cli.demo",
                 "cli.files",
                 "cli.group",

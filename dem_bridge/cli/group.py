@@ -19,6 +19,7 @@ import click
 import dem_bridge
 from dem_bridge.cli import options, terminal, waiting
 from dem_bridge.cli.check import check
+from dem_bridge.cli.contact import contact
 from dem_bridge.cli.demo import demo, show
 from dem_bridge.cli.files import compare, convert, export, judge
 from dem_bridge.cli.parameters import FILE, POSITIVE, ObservableChoice, Option, check_new, make_command, print_json
@@ -268,6 +269,7 @@ _COMMANDS = (
     schema,
     plan,
     export,
+    contact,
     regress,
     convert,
     compare,

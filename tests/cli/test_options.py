@@ -53,7 +53,7 @@ def test_a_number_outside_its_limits_is_refused_before_the_command_begins(
 
 def test_there_are_numbers_of_all_kinds() -> None:
     assert len(NUMBERS) > 40
-    assert {_declared(option).unit for _, option in NUMBERS} == {"", "s", "m", "Pa", "N", "m/s^2", "1/s"}
+    assert {_declared(option).unit for _, option in NUMBERS} == {"", "s", "m", "m/s", "Pa", "N", "m/s^2", "1/s"}
 
 
 def test_the_unit_of_a_number_stands_in_its_help() -> None:
