@@ -78,7 +78,6 @@ def linear_drop(*, mass: float, stiffness: float, damping: float, height: float,
     >>> f"e = {drop.restitution:.6f}, {drop.rebound_height:.6f} m, contact {1e3 * drop.contact_time:.6f} ms"
     'e = 0.853388, 0.291309 m, contact 33.649354 ms'
     """
-    from scipy.linalg import expm
     from scipy.optimize import brentq
 
     m, h, g = above(0.0, "mass", mass, "kg"), above(0.0, "height", height, "m"), above(0.0, "gravity", gravity, "m/s^2")
@@ -87,22 +86,28 @@ def linear_drop(*, mass: float, stiffness: float, damping: float, height: float,
         raise ValueError(
             f"damping = {damping!r}; allowed: below the critical damping, {2.0 * m * math.sqrt(k):.6g} N s/m"
         )
-    matrix = np.array([[0.0, 1.0, 0.0], [-k, -c, g], [0.0, 0.0, 0.0]])
-    speed = math.sqrt(2.0 * g * h)
+    speed, damped, frequency = math.sqrt(2.0 * g * h), 0.5 * c, math.sqrt(k - 0.25 * c * c)
+    swing = (g - damped * speed) / frequency
 
-    def state(time: float) -> Floats:
-        return np.asarray(expm(matrix * time) @ [0.0, speed, 1.0])
+    def velocity(time: float) -> float:  # it swings about zero, whatever the weight
+        phase = frequency * time
+        return math.exp(-damped * time) * (speed * math.cos(phase) + swing * math.sin(phase))
 
-    half = math.pi / math.sqrt(k - 0.25 * c * c)  # between two extrema of the overlap
-    top = float(brentq(lambda t: state(t)[1], 0.0, half, xtol=1e-16 * half, rtol=1e-15))
+    def overlap(time: float) -> float:
+        phase = frequency * time
+        bend = frequency * math.exp(-damped * time) * (swing * math.cos(phase) - speed * math.sin(phase))
+        return (g - bend - damped * velocity(time)) / k
+
+    half = math.pi / frequency  # between two extrema of the overlap
+    top = float(brentq(velocity, 0.0, half, xtol=1e-16 * half, rtol=1e-15))
     contact, leaving = math.inf, 0.0
-    if state(top + half)[0] < 0.0:
-        contact = float(brentq(lambda t: state(t)[0], top, top + half, xtol=1e-16 * half, rtol=1e-15))
-        leaving = -float(state(contact)[1])
+    if overlap(top + half) < 0.0:
+        contact = float(brentq(overlap, top, top + half, xtol=1e-16 * half, rtol=1e-15))
+        leaving = -velocity(contact)
     return LinearDrop(
         touch_time=speed / g,
         touch_speed=speed,
-        peak_overlap=float(state(top)[0]),
+        peak_overlap=overlap(top),
         contact_time=contact,
         exit_speed=leaving,
         rebound_height=0.5 * leaving**2 / g,

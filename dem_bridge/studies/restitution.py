@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -93,22 +94,27 @@ class Measured:
         """Name of the code."""
         return self.result.case.backend
 
-    @property
+    @cached_property
     def value(self) -> float:
         """Speed of separation over speed of approach; nan without a run."""
         run = self.result.trajectory
         return math.nan if run is None else run.restitution
 
-    @property
+    @cached_property
     def uncertainty(self) -> float:
         """Estimated numerical error of the value: that of the velocities of all bodies."""
         run = self.result.trajectory
         return math.nan if run is None else len(run.velocity[-1]) * run.uncertainty.velocity / self.impact.speed
 
+    @cached_property
+    def closed_form(self) -> tuple[float, float]:
+        """Restitution by the closed form, and a bound of its error."""
+        return self.impact.theory()
+
     @property
     def theory(self) -> float:
         """Restitution by the closed form."""
-        return self.impact.theory()[0]
+        return self.closed_form[0]
 
     @property
     def difference(self) -> float:
@@ -119,7 +125,7 @@ class Measured:
     def outcome(self) -> Outcome:
         """PASS if the value is the closed form within the uncertainty of the run and the error of the form."""
         if self.result.trajectory is not None:
-            return judge_relative(abs(self.difference), self.impact.theory()[1], self.uncertainty)
+            return judge_relative(abs(self.difference), self.closed_form[1], self.uncertainty)
         absent = isinstance(self.result.failure, UnsupportedScene | BackendUnavailable)
         return Outcome.NOT_RUN if absent else Outcome.BROKEN
 
@@ -261,7 +267,7 @@ def _verdicts(measured: Sequence[Measured]) -> Iterator[Verdict]:
             difference=abs(worst.difference),
             tolerance=worst.uncertainty,
             uncertainty=worst.uncertainty,
-            reference_uncertainty=worst.impact.theory()[1],
+            reference_uncertainty=worst.closed_form[1],
             worst=worst,
             count=len(items),
             relation="within" if worst.outcome is Outcome.PASS else "not within",

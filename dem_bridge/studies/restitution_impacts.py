@@ -90,7 +90,7 @@ class Impact:
     @property
     def stiffness(self) -> float:
         """Stiffness of the contact, N/m^(n-1); a linear spring does not depend on the radius."""
-        return _spring() if self.law in DASHPOTS else sphere_on_sphere(radius=self.radius, **MATERIAL).stiffness
+        return _spring() if self.law in DASHPOTS else _hertz(self.radius)
 
     @property
     def contact_time(self) -> float:
@@ -195,6 +195,13 @@ def curve_of(law: str, parameter: Parameter) -> tuple[np.ndarray, np.ndarray]:
     return x, np.array([impact.theory()[0] for impact in varied_impacts(law, parameter, x.tolist())])
 
 
+@cache
+def _hertz(radius: float) -> float:
+    """Return the stiffness of the contact of two spheres of a radius, N/m^1.5."""
+    return sphere_on_sphere(radius=radius, **MATERIAL).stiffness
+
+
+@cache
 def _spring() -> float:
     """Return the stiffness of the linear spring, N/m: the usual pair is in contact as long as by Hertz's law."""
     pair = Impact(law="coeff_restitution", coefficient=1.0, clip=False)
@@ -206,7 +213,7 @@ SCENE = "mfix-dem-02"
 STIFFNESS = (5e4, 5e5, 5e6)
 #: time steps in a contact, and samples of the run: heights are read at the sample next to each summit
 STEPS, SAMPLES = 200, 1500
-#: round-off of the closed form: matrix exponentials and roots, relative
+#: round-off of the closed form: exponentials and roots, relative
 ROUND_OFF = 1e-13
 
 
