@@ -17,6 +17,7 @@ from dem_bridge.scene.file.load import Measurement
 from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.studies.energy import study_energy
 from dem_bridge.studies.engine.study import study_engine
+from dem_bridge.studies.extremes.study import study_extremes
 from dem_bridge.studies.horizon.study import study_horizon
 from dem_bridge.studies.measurement.study import study_measurement
 from dem_bridge.studies.order.study import study_order
@@ -111,8 +112,9 @@ def test_a_second_call_with_lammps_runs_nothing(study: Callable[..., Study], tmp
          partial(study_restitution, laws=["tsuji"], backends=["verlet"]), 1),
         (partial(study_rule_of_thumb, load_scene("sphere-cylinder-sphere")),
          partial(study_rule_of_thumb, load_scene("tapered-forward")), 1),
+        (partial(study_extremes, match="table-8-lines"), partial(study_extremes, match="table-2-points"), 1),
     ],
-    ids=["restitution", "rule-of-thumb"],
+    ids=["restitution", "rule-of-thumb", "extremes"],
 )  # fmt: skip
 def test_a_second_call_with_the_default_engine_computes_nothing(calls: Calls, tmp_path: Path) -> None:
     check(calls, tmp_path)

@@ -24,6 +24,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.studies.extremes.catalogue import Entry, catalogue, expectation, kinds
 from dem_bridge.studies.extremes.judge import Expected, Finding, Standard, Word, judge, outcome
 from dem_bridge.studies.extremes.truths import Truth, witness
+from dem_bridge.studies.recalled import recall_study
 
 TEXTS = Texts("extremes", "dem_bridge.studies")
 FINDINGS_COLUMNS = {
@@ -121,13 +122,15 @@ def study_extremes(
     ]
     if not entries:
         raise UsageError(f"match = {match!r}; allowed: a part of one of: {', '.join(catalogue())}")
-    rows = rows_of(entries, engine=engine, jobs=jobs, progress=progress, store=store)
-    return TEXTS.study(
-        answer=answer(rows),
-        tables=tables(rows),
-        figures=figures(rows),
-        verdicts=tuple(row.verdict for row in rows),
-    )
+    chosen = engine or Engine.chosen()
+
+    def judged() -> Study:
+        rows = rows_of(entries, engine=chosen, jobs=jobs, progress=progress, store=store)
+        verdicts = tuple(row.verdict for row in rows)
+        return TEXTS.study(answer=answer(rows), tables=tables(rows), figures=figures(rows), verdicts=verdicts)
+
+    # the scenes are part of the package, as its code is
+    return recall_study("extremes", store, judged, [], chosen, entries=[entry.name for entry in entries])
 
 
 def rows_of(
