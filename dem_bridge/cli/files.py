@@ -29,7 +29,7 @@ from dem_bridge.cli.parameters import (
     print_json,
 )
 from dem_bridge.errors import UsageError
-from dem_bridge.foundation.files import check_report_folder
+from dem_bridge.foundation.files import check_report_folder, write_whole
 
 if TYPE_CHECKING:
     from dem_bridge.trajectory.trajectory import Trajectory
@@ -351,6 +351,8 @@ def _export_lammps_test(scene: str | None, file: Path, force: bool, settings: di
     replace(options.VERBOSE, name="every", help="Print every line of the answer, not the most needed 15."),
     options.AS_JSON,
     replace(options.FOLDER, help="Write the page (index.html), verdicts.json, tables and figures into DIR."),
+    replace(options.JUNIT_FILE, help="File for the verdicts, JUnit XML."),
+    replace(options.FORCE, help="Replace the file of --junit if it exists."),
 )
 def judge(
     files: tuple[str, ...],
@@ -358,6 +360,8 @@ def judge(
     every: bool = False,
     as_json: bool = False,
     folder: Path | None = None,
+    junit_file: Path | None = None,
+    force: bool = False,
     **settings: Any,
 ) -> None:
     """Judge FILES of any code against the reference solution of their scene.
@@ -371,6 +375,8 @@ def judge(
     """
     if folder is not None:
         check_report_folder(folder)
+    if junit_file is not None:
+        check_new(junit_file, force)
     if isinstance(units := settings.get("units"), list):
         settings["units"] = ",".join(units)
     if not files and "command" not in settings:
@@ -386,6 +392,10 @@ def judge(
         judgement = dem_bridge.judge(list(files), scene, **settings)
     if folder is not None:
         judgement.save(folder)
+    if junit_file is not None:
+        from dem_bridge.verification.records import junit
+
+        write_whole(junit_file.parent, {junit_file.name: junit(judgement.study.verdicts)})
     if as_json:
         print_json(judgement.as_json())
     else:

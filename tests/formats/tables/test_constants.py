@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
@@ -108,7 +109,6 @@ def test_every_row_states_digits_source_method_and_the_second_computation() -> N
 
 
 def test_yaml_is_read_as_the_document_of_json() -> None:
-    yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
     document = json.loads(db.export(table="constants", format="json"))
     assert yaml.safe_load(db.export(table="constants", format="yaml")) == document
     bodies = {format: db.export("decelerating-40", table="bodies", format=format) for format in ("json", "yaml")}
