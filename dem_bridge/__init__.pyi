@@ -43,6 +43,7 @@ from dem_bridge.scene.file.bodies import chain as chain
 from dem_bridge.scene.geometry import Body as Body
 from dem_bridge.scene.geometry import Geometry as Geometry
 from dem_bridge.scene.geometry import Material as Material
+from dem_bridge.scene.piston import Piston as Piston
 from dem_bridge.scene.scene import Adhesion as Adhesion
 from dem_bridge.scene.scene import Damping as Damping
 from dem_bridge.scene.scene import Scene as Scene
