@@ -32,7 +32,7 @@ ROOMS = (
     ("lmp",),
     ("backends",),
     ("runs",),
-    ("testing", "formats", "ensembles"),
+    ("testing", "formats", "ensembles", "proof"),
     ("report",),
     ("verification",),
     ("judging",),
@@ -207,11 +207,11 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
             {
                 "cli.check",
                 "cli.contact",
-                "cli.conform",
                 "cli.demo",
                 "cli.files",
                 "cli.group",
                 "cli.parameters",
+                "cli.proof",
                 "cli.regress",
                 "cli.run",
                 "cli.scene_files",
@@ -262,7 +262,8 @@ def test_lower_layers_know_numpy_and_scipy_alone() -> None:
 
 
 def test_numba_is_imported_when_a_kernel_is_first_called() -> None:
-    assert _importers("numba") == {"foundation.kernel_cache"}
+    # a proof is an extra, imported when it is asked for, and names the functions of its library for numba
+    assert _importers("numba") == {"foundation.kernel_cache", "proof.balls"}
 
 
 def test_physics_knows_nothing_of_ours() -> None:

@@ -19,11 +19,11 @@ import click
 import dem_bridge
 from dem_bridge.cli import options, terminal, waiting
 from dem_bridge.cli.check import check
-from dem_bridge.cli.conform import conform
 from dem_bridge.cli.contact import contact
 from dem_bridge.cli.demo import demo, show
 from dem_bridge.cli.files import compare, convert, export, judge
 from dem_bridge.cli.parameters import FILE, POSITIVE, ObservableChoice, Option, check_new, make_command, print_json
+from dem_bridge.cli.proof import prove
 from dem_bridge.cli.regress import regress
 from dem_bridge.cli.run import run, warn_of_engine
 from dem_bridge.cli.scene_files import import_group, new, schema
@@ -269,6 +269,7 @@ _COMMANDS = (
     new,
     schema,
     plan,
+    prove,
     export,
     contact,
     regress,
@@ -276,7 +277,6 @@ _COMMANDS = (
     compare,
     check,
     judge,
-    conform,
     import_group,
     store_group,
 )

@@ -191,7 +191,6 @@ STYLES = {
     "fix freeze": "GRANULAR",
     "pair table": "",
     "fix addforce": "",
-    "fix move": "",
     "fix langevin": "",
     "fix viscous": "",
 }

@@ -1,0 +1,193 @@
+"""The certificate of a proof: one JSON file with boxes, touches and samples as exact decimals, rounded outwards."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from dem_bridge.backends.base import versions_of
+from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
+from dem_bridge.foundation.files import text_of_file, write_whole
+from dem_bridge.proof.flow import Ball, Box
+from dem_bridge.proof.problem import Problem
+from dem_bridge.proof.producer import WIDER, Checkpoint, Record, Touch
+from dem_bridge.scene.scene import Scene
+from dem_bridge.version import __version__
+
+#: schema of the file
+SCHEMA = "dem-bridge/proof/1"
+#: unit of the last digit of a sample, relative to the largest velocity or displacement, where the proof allows it
+_LAST_DIGIT = Fraction(1, 10**17)
+
+
+def document_of(scene: Scene, problem: Problem, record: Record) -> dict[str, Any]:
+    """Return the certificate of what is proved, as it is written to a file."""
+    until = record.checkpoints[-1].time
+    samples = [box for i, box in enumerate(record.samples) if i * problem.duration / problem.count <= until]
+    document = {
+        "schema": SCHEMA,
+        "scene": _scene_entry(scene, problem),
+        "bits": record.bits,
+        "threshold": "0",
+        "checkpoints": [
+            {
+                "time": str(point.time),
+                "displacement": [_pair(ball) for ball in point.box.displacement],
+                "velocity": [_pair(ball) for ball in point.box.velocity],
+                "closed": list(point.closed),
+            }
+            for point in record.checkpoints
+        ],
+        "touches": [
+            {"contact": touch.contact, "closes": touch.closes, "time": _pair(touch.time)} for touch in record.touches
+        ],
+        "samples": {
+            "time": [str(i * problem.duration / problem.count) for i in range(len(samples))],
+            "displacement": _rounded([box.displacement for box in samples]),
+            "velocity": _rounded([box.velocity for box in samples]),
+        },
+        "proved_until": str(until),
+        "versions": {"dem_bridge": __version__, **versions_of("python-flint", "numba")},
+    }
+    return {**document, "digest": digest_of(document)}
+
+
+def digest_of(document: Mapping[str, Any]) -> str:
+    """Return the sha256 of a certificate without its entry ``digest``; it finds damage, and proves nothing."""
+    rest = {key: value for key, value in document.items() if key != "digest"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def write_document(document: Mapping[str, Any], path: Path) -> None:
+    """Write a certificate to a file, in place of an earlier one."""
+    write_whole(path.parent, {path.name: json.dumps(document, separators=(",", ":")) + "\n"})
+
+
+def read_record(path: Path, scene: Scene) -> Record:
+    """Return what an unfinished certificate proves, so that the proof can go on.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read, is damaged, or is of another scene.
+    """
+    try:
+        document = json.loads(text_of_file(path))
+        if document["schema"] != SCHEMA or document["digest"] != digest_of(document):
+            raise ValueError("its digest or schema is wrong")
+        if document["scene"]["hash"] != scene.content_hash:
+            raise ValueError(f"it is of another scene, {document['scene']['name']}")
+        samples = document["samples"]
+        moments = zip(samples["displacement"], samples["velocity"], strict=True)
+        return Record(
+            bits=int(document["bits"]),
+            checkpoints=[_read_checkpoint(point) for point in document["checkpoints"]],
+            touches=[
+                Touch(contact=item["contact"], closes=item["closes"], time=read_ball(item["time"]))
+                for item in document["touches"]
+            ],
+            samples=[_read_box(displacement, velocity) for displacement, velocity in moments],
+        )
+    except OSError as error:
+        raise UsageError(f"{path}: the certificate cannot be read ({error.strerror})") from error
+    except OF_DAMAGED_DATA as error:
+        allowed = "allowed: an unfinished certificate of the same scene, or --force to begin anew"
+        raise UsageError(f"{path}: is no certificate that can be continued ({error}); {allowed}") from error
+
+
+def read_ball(entry: Any) -> Ball:
+    """Return a ball from its entry; one decimal alone has a radius of one unit of its last digit.
+
+    Examples
+    --------
+    >>> read_ball(["0.5", "1e-3"]), read_ball("12e-1")
+    ((Fraction(1, 2), Fraction(1, 1000)), (Fraction(6, 5), Fraction(1, 10)))
+    """
+    if isinstance(entry, str):
+        mantissa, _, power = entry.partition("e")
+        digits = len(mantissa.partition(".")[2])
+        return Fraction(entry), Fraction(10) ** (int(power or 0) - digits)
+    middle, radius = entry
+    return Fraction(middle), Fraction(radius)
+
+
+def _read_box(displacement: Any, velocity: Any) -> Box:
+    return Box(displacement=tuple(map(read_ball, displacement)), velocity=tuple(map(read_ball, velocity)))
+
+
+def _read_checkpoint(entry: Mapping[str, Any]) -> Checkpoint:
+    box = _read_box(entry["displacement"], entry["velocity"])
+    return Checkpoint(time=Fraction(entry["time"]), box=box, closed=tuple(entry["closed"]))
+
+
+def _scene_entry(scene: Scene, problem: Problem) -> dict[str, Any]:
+    c, n = scene.contacts, scene.n_body
+    names = [
+        ["left", right] if left == n else [left, "right"] if right == n else [left, right]
+        for left, right in zip(problem.left, problem.right, strict=True)
+    ]
+    numbers = zip(names, c.stiffness.tolist(), c.exponent.tolist(), c.gap.tolist(), strict=True)
+    return {
+        "name": scene.name,
+        "hash": scene.content_hash,
+        "mass": [value.hex() for value in scene.mass],
+        "contacts": [
+            {"bodies": bodies, "stiffness": beta.hex(), "exponent": exponent.hex(), "gap": gap.hex()}
+            for bodies, beta, exponent, gap in numbers
+        ],
+        "velocity": [value.hex() for value in scene.velocity],
+        "gravity": float(scene.gravity).hex(),
+        "constant_force": [value.hex() for value in scene.load.tolist()],
+        "duration": float(scene.duration).hex(),
+        "count": scene.samples,
+    }
+
+
+def _pair(ball: Ball) -> list[str]:
+    """Return a ball as two decimals that contain it; a dyadic midpoint is exact."""
+    middle, radius = ball
+    if radius == 0:
+        return [_decimal(middle, _exact_digits(middle)), "0"]
+    unit = math.floor(math.log10(radius)) - 3
+    rounded = round(middle / Fraction(10) ** unit)
+    return [
+        _decimal(rounded * Fraction(10) ** unit, unit),
+        _decimal(radius + abs(middle - rounded * Fraction(10) ** unit), unit),
+    ]
+
+
+def _exact_digits(value: Fraction) -> int:
+    """Return the place of the last digit of a dyadic number."""
+    return -(value.denominator.bit_length() - 1)
+
+
+def _decimal(value: Fraction, place: int) -> str:
+    """Return a number that is not negative rounded up, and one that is a multiple of 10^place exactly."""
+    return f"{math.ceil(value / Fraction(10) ** place)}e{place}"
+
+
+def _rounded(rows: list[tuple[Ball, ...]]) -> list[list[str]]:
+    """Return samples as decimals whose radius is one unit of the last digit.
+
+    The unit is at least twice the widened radius, so that the rounding of the midpoint has room beside it.
+    """
+    largest = max((abs(middle) for row in rows for middle, _ in row), default=Fraction(0))
+    least = _place(largest * _LAST_DIGIT) if largest else -300
+    return [[_sample(ball, least) for ball in row] for row in rows]
+
+
+def _sample(ball: Ball, least: int) -> str:
+    middle, radius = ball
+    place = max(least, _place(2 * WIDER * radius)) if radius else least
+    return f"{round(middle / Fraction(10) ** place)}e{place}"
+
+
+def _place(value: Fraction) -> int:
+    """Return the least power of ten that is at least ``value``."""
+    power = math.floor(math.log10(value))
+    return power if Fraction(10) ** power >= value else power + 1

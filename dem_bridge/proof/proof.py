@@ -1,0 +1,154 @@
+"""The answer of a proof: the motion at the sample times with radii that are theorems, and all touches."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dem_bridge.errors import UsageError
+from dem_bridge.foundation.compiled import Floats
+from dem_bridge.proof.balls import library
+from dem_bridge.proof.certificate import document_of, read_record, write_document
+from dem_bridge.proof.flow import Ball
+from dem_bridge.proof.problem import measure_scale, problem_of
+from dem_bridge.proof.producer import MOST_BITS, Record, Touch, choose_bits, prove_from
+from dem_bridge.scene.scene import Scene
+
+#: what bits grow by where a proof fails for want of them
+_MORE_BITS = 1.25
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Proof:
+    """Enclosures of the motion of a scene: each true value differs from a midpoint by at most its radius.
+
+    ``displacement`` (m) and ``velocity`` (m/s) are midpoints ``(n_t, n_body)`` as doubles, and the radii contain their
+    rounding; the balls themselves have all their digits in ``certificate``. ``touches`` are in the order of time.
+    A proof that ends early has samples up to ``proved_until`` (s), and ``reason`` says why it ended.
+    """
+
+    scene: Scene
+    time: Floats
+    displacement: Floats
+    displacement_radius: Floats
+    velocity: Floats
+    velocity_radius: Floats
+    touches: tuple[Touch, ...]
+    proved_until: float
+    reason: str
+    digits: float
+    """Proved digits of the largest velocity at the end."""
+    certificate: dict[str, Any]
+
+    @property
+    def complete(self) -> bool:
+        """True if the proof goes up to the end of the scene."""
+        return not self.reason
+
+    def __str__(self) -> str:
+        """Return what is proved, in two or three lines."""
+        part = "" if self.complete else f", of {self.scene.duration:g} s: {self.reason}"
+        return (
+            f"{self.scene.name}: proved up to {self.proved_until:g} s{part}\n"
+            f"  {len(self.time)} samples, {len(self.touches)} touches, {self.digits:.1f} digits of the largest velocity"
+        )
+
+    def save(self, file: str | Path) -> None:
+        """Write the certificate to a file."""
+        write_document(self.certificate, Path(file))
+
+
+def prove_scene(scene: Scene, digits: int, file: Path | None = None, *, anew: bool = False) -> Proof:
+    """Prove the motion of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    digits : int
+        Digits of the largest velocity that are wanted at the end.
+    file : Path, optional
+        Certificate, written at each checkpoint. An unfinished one of the same scene is continued.
+    anew : bool
+        Whether an existing certificate is replaced instead.
+    """
+    library()
+    problem = problem_of(scene)
+    scale = measure_scale(scene)
+    record = Record(bits=choose_bits(problem, scale, digits))
+    if file is not None and file.exists() and not anew:
+        record = read_record(file, scene)
+
+    def keep(record: Record) -> None:
+        if file is not None:
+            write_document(document_of(scene, problem, record), file)
+
+    while True:
+        prove_from(problem, scale, record, digits, keep)
+        more = min(MOST_BITS, math.ceil(_MORE_BITS * record.bits))
+        if not record.reason or more == record.bits:
+            break
+        again = Record(bits=more)
+        prove_from(problem, scale, again, digits)
+        if again.checkpoints[-1].time <= record.checkpoints[-1].time:
+            break
+        record = again
+    if len(record.checkpoints) > 1:
+        keep(record)
+    return _proof(scene, record, document_of(scene, problem, record))
+
+
+def _proof(scene: Scene, record: Record, certificate: dict[str, Any]) -> Proof:
+    """Return the answer from a record."""
+    until = record.checkpoints[-1].time
+    times = [i * Fraction(scene.duration) / scene.samples for i in range(len(record.samples))]
+    boxes = [box for box, time in zip(record.samples, times, strict=True) if time <= until]
+    x, x_radius = _doubles([box.displacement for box in boxes])
+    v, v_radius = _doubles([box.velocity for box in boxes])
+    largest = float(np.abs(v).max())
+    radius = max((float(radius) for _, radius in record.checkpoints[-1].box.velocity), default=0.0)
+    return Proof(
+        scene=scene,
+        time=np.array([float(time) for time in times[: len(boxes)]]),
+        displacement=x,
+        displacement_radius=x_radius,
+        velocity=v,
+        velocity_radius=v_radius,
+        touches=tuple(record.touches),
+        proved_until=float(until),
+        reason=record.reason,
+        digits=math.log10(largest / radius) if radius and largest else math.inf,
+        certificate=certificate,
+    )
+
+
+def _doubles(rows: list[tuple[Ball, ...]]) -> tuple[Floats, Floats]:
+    """Return balls as doubles, with radii that contain the rounding of the midpoints."""
+    middles = np.array([[float(middle) for middle, _ in row] for row in rows])
+    radii = np.array(
+        [
+            [
+                _up(radius + abs(middle - Fraction(double)))
+                for (middle, radius), double in zip(row, doubles, strict=True)
+            ]
+            for row, doubles in zip(rows, middles.tolist(), strict=True)
+        ]
+    )
+    return middles, radii
+
+
+def _up(value: Fraction) -> float:
+    """Return the least double that is at least ``value``, or the next."""
+    return math.nextafter(float(value), math.inf) if value else 0.0
+
+
+def checked_digits(digits: object) -> int:
+    """Return the number of digits; raise UsageError unless it is a whole number from 1 to 60."""
+    if isinstance(digits, int) and not isinstance(digits, bool) and 1 <= digits <= 60:
+        return digits
+    raise UsageError(f"digits = {digits!r}; allowed: a whole number from 1 to 60")

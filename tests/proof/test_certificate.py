@@ -1,0 +1,76 @@
+"""A certificate keeps what is proved: it goes on where it ended, refuses damage, and holds exact numbers."""
+
+import json
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+import dem_bridge as db
+from dem_bridge.errors import UsageError
+from dem_bridge.proof.certificate import digest_of, document_of, read_ball, read_record, write_document
+from dem_bridge.proof.problem import measure_scale, problem_of
+from dem_bridge.proof.producer import Record, prove_from
+
+pytest.importorskip("flint")
+
+PAIR = db.Scene(
+    name="pair", duration=1.5e-4, mass=(8.1e-3, 1e-2), stiffness=(3.98e9,), velocity=(0.8, 0.0), gap=1e-6, samples=40
+)
+
+
+def test_a_proof_that_was_interrupted_goes_on(tmp_path: Path) -> None:
+    file, whole = tmp_path / "pair.json", db.prove(PAIR)
+    problem, scale = problem_of(PAIR), measure_scale(PAIR)
+
+    def keep(record: Record) -> None:
+        write_document(document_of(PAIR, problem, record), file)
+        if len(record.checkpoints) == 12:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        prove_from(problem, scale, Record(bits=whole.certificate["bits"]), 16, keep)
+    part = json.loads(file.read_text())
+    assert 0.0 < float(Fraction(part["proved_until"])) < PAIR.duration
+    again = db.prove(PAIR, file=file)
+    assert again.complete
+    assert again.certificate["checkpoints"] == whole.certificate["checkpoints"]
+    assert again.certificate["touches"] == whole.certificate["touches"]
+    assert json.loads(file.read_text())["digest"] == digest_of(again.certificate)
+
+
+def test_samples_are_rounded_outwards() -> None:
+    proof = db.prove(PAIR)
+    exact = problem_of(PAIR)
+    record = Record(bits=proof.certificate["bits"])
+    prove_from(exact, measure_scale(PAIR), record, 16)
+    for name in ("displacement", "velocity"):
+        for row, box in zip(proof.certificate["samples"][name], record.samples, strict=True):
+            for entry, (middle, radius) in zip(row, getattr(box, name), strict=True):
+                wide = read_ball(entry)
+                assert abs(wide[0] - middle) + radius <= wide[1]
+                assert wide[1] <= Fraction(8, 10**17)
+
+
+def test_each_box_contains_the_motion_that_begins_in_the_one_before() -> None:
+    proof = db.prove(PAIR)
+    times = [Fraction(point["time"]) for point in proof.certificate["checkpoints"]]
+    assert times == sorted(times)
+    assert times[-1] == Fraction(PAIR.duration)
+    assert len(times) > 20
+    assert all(time.denominator & (time.denominator - 1) == 0 for time in times)
+
+
+def test_damaged_and_foreign_certificates_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "pair.json"
+    db.prove(PAIR, file=file)
+    with pytest.raises(UsageError, match="it is of another scene, pair"):
+        read_record(file, replace(PAIR, gap=2e-6))
+    document = json.loads(file.read_text())
+    document["touches"][0]["contact"] = 1
+    file.write_text(json.dumps(document))
+    with pytest.raises(UsageError, match="its digest or schema is wrong"):
+        read_record(file, PAIR)
+    with pytest.raises(UsageError, match="cannot be read"):
+        read_record(tmp_path / "none.json", PAIR)
