@@ -9,6 +9,7 @@ from dem_bridge.api.files import read_trajectory as read_trajectory
 from dem_bridge.api.files import table_of as table_of
 from dem_bridge.api.files import write_lammps_test as write_lammps_test
 from dem_bridge.api.files import write_trajectory as write_trajectory
+from dem_bridge.api.conform import conform as conform
 from dem_bridge.api.judge import check as check
 from dem_bridge.api.judge import judge as judge
 from dem_bridge.api.proof import prove as prove
@@ -27,6 +28,7 @@ from dem_bridge.backends.base import Resolution as Resolution
 from dem_bridge.backends.base import Sampling as Sampling
 from dem_bridge.formats.tables.angles import angles_for as angles_for
 from dem_bridge.judging.check.answer import Check as Check
+from dem_bridge.judging.conformance.answer import Conformance as Conformance
 from dem_bridge.judging.judgement import Judgement as Judgement
 from dem_bridge.lmp.engine import Engine as Engine
 from dem_bridge.observables.convergence import observed_order as observed_order
@@ -43,6 +45,7 @@ from dem_bridge.scene.file.bodies import chain as chain
 from dem_bridge.scene.geometry import Body as Body
 from dem_bridge.scene.geometry import Geometry as Geometry
 from dem_bridge.scene.geometry import Material as Material
+from dem_bridge.scene.piston import Piston as Piston
 from dem_bridge.scene.scene import Adhesion as Adhesion
 from dem_bridge.scene.scene import Damping as Damping
 from dem_bridge.scene.scene import Scene as Scene

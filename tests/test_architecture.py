@@ -207,6 +207,7 @@ def test_only_the_report_draws_and_only_it_and_notebooks_fill_pages(library: str
             {
                 "cli.check",
                 "cli.contact",
+                "cli.conform",
                 "cli.demo",
                 "cli.files",
                 "cli.group",

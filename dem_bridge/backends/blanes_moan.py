@@ -44,7 +44,8 @@ class BlanesMoan(AlwaysAvailable):
     supports = Support(
         {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
         | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
-        | {features.CONTACT_FUNCTIONS, features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE},
+        | {features.CONTACT_FUNCTIONS, features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE}
+        | {features.CONSTANT_PISTON, features.SINE_PISTON, features.TABLE_PISTON},
         scope="the method evaluates forces where it knows no velocities",
     )
 

@@ -1,4 +1,4 @@
-"""The force on body 0 inside compiled kernels, operation by operation as LAMMPS has it in a deck's formula."""
+"""The force on body 0, or its prescribed motion, in compiled kernels, operation by operation as in a deck's formula."""
 
 from __future__ import annotations
 
@@ -10,6 +10,25 @@ from numpy.typing import NDArray
 
 from dem_bridge.foundation.compiled import kernel
 from dem_bridge.scene.scene import Scene
+
+
+class Moved(NamedTuple):
+    """A :class:`~dem_bridge.scene.piston.Piston` as kernels take it."""
+
+    moves: bool = False
+    """Whether body 0 is moved."""
+    speed: float = 0.0
+    """Constant velocity, or amplitude of a sine, m/s."""
+    turn: float = 0.0
+    """rad/s of a sine; 0: the velocity is constant, or a table."""
+    phase: float = 0.0
+    """rad."""
+    interval: float = 0.0
+    """s, of a table."""
+    values: NDArray[np.float64] = np.zeros(0)
+    """Velocities of a table, m/s, the last one twice, for what lies beside it at the end. Empty: it is no table."""
+    knots: NDArray[np.float64] = np.zeros(0)
+    """Displacements at the times of these velocities, m."""
 
 
 class Driven(NamedTuple):
@@ -33,12 +52,21 @@ class Driven(NamedTuple):
     """s."""
     values: NDArray[np.float64] = np.zeros(0)
     """N; the last one twice, for what lies beside it at the end. Empty: a wave, or nothing."""
+    piston: Moved = Moved()
 
 
 def driven_of(scene: Scene) -> Driven:
-    """Return the drive of body 0 as a tuple of numbers; its amplitude is 0 and it has no values where there is none."""
-    drive = scene.drive
-    if drive is None:
+    """Return the drive of body 0 as a tuple of numbers; its amplitude is 0 and it has no values without a force."""
+    if (piston := scene.piston) is not None:
+        values = np.array(piston.velocity if isinstance(piston.velocity, tuple) else ())
+        knots = piston.knots
+        if len(values):
+            values = np.append(values, values[-1])
+            knots = np.append(knots, knots[-1] + (piston.interval or 0.0) * values[-1])
+        speed = 0.0 if isinstance(piston.velocity, tuple) else piston.velocity
+        phase, interval = math.radians(piston.phase), piston.interval or 0.0
+        return Driven(piston=Moved(True, speed, piston.turn, phase, interval, values, knots))
+    if (drive := scene.driving_force) is None:
         return Driven()
     if drive.shape == "table":
         assert isinstance(drive.force, tuple)  # set when the drive was made
@@ -57,7 +85,7 @@ def driven_of(scene: Scene) -> Driven:
 
 
 def rate_of(scene: Scene) -> float:
-    """Return the largest rate at which the force on body 0 changes, rad/s; 0 where there is none."""
+    """Return the largest rate at which the force on body 0, or its prescribed velocity, changes, rad/s; 0 without."""
     return 0.0 if scene.drive is None else scene.drive.rate
 
 
@@ -77,3 +105,21 @@ def driving_force(time: float, driven: Driven) -> float:
     until = min(time, driven.sweep)
     turned = (driven.turn + driven.growth * until) * until + driven.last_turn * (time - until)
     return float(driven.amplitude * grown * np.sin(turned + driven.phase))
+
+
+@kernel(nogil=False)
+def piston_motion(time: float, piston: Moved) -> tuple[float, float, float]:
+    """Return displacement (m), velocity (m/s) and acceleration (m/s^2) of body 0 at a time (s); scalar, for kernels."""
+    if len(piston.values) > 0:
+        place = time / piston.interval
+        cell = np.floor(place)
+        at = min(int(cell), len(piston.values) - 2)
+        part, low = place - at, piston.values[at]
+        rise = piston.values[at + 1] - low
+        way = piston.knots[at] + piston.interval * (low * part + 0.5 * rise * part * part)
+        return float(way), float(low + rise * part), float(rise / piston.interval)
+    if piston.turn == 0.0:
+        return piston.speed * time, piston.speed, 0.0
+    angle = piston.turn * time + piston.phase
+    way = piston.speed / piston.turn * (np.cos(piston.phase) - np.cos(angle))
+    return float(way), float(piston.speed * np.sin(angle)), float(piston.speed * piston.turn * np.cos(angle))

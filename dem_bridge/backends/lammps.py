@@ -173,10 +173,10 @@ def explained(error: RunBroken, scene: Scene, dt: float) -> RunBroken:
     """
     if "lost atoms" not in str(error).lower():
         return error
-    c, mass = scene.contacts, np.append(scene.mass, np.inf)
+    c, mobility = scene.contacts, scene.mobility
     overlap = np.maximum(prescan_scene(scene).peak_overlap, np.finfo(float).tiny)
     stiffness = (c.exponent - 1.0) * c.stiffness * overlap ** (c.exponent - 2.0)
-    limit = 2.0 / float(np.sqrt((stiffness * (1.0 / mass[c.left] + 1.0 / mass[c.right])).max()))
+    limit = 2.0 / float(np.sqrt((stiffness * (mobility[c.left] + mobility[c.right])).max()))
     if dt <= limit:
         return error
     text = f"the step of {dt:.3g} s passed the limit of stability, 2/omega = {limit:.2g} s of the stiffest contact"
@@ -222,9 +222,14 @@ def dense_of(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray
         half = velocity - np.where(steps > 0, 0.5 * deck.schedule.step, 0.0)[:, None] * net * deck.mobility
         mass = np.divide(1.0, deck.mobility, out=np.zeros_like(deck.mobility), where=deck.mobility > 0.0)
         outer = deck.weight - scene.drag * mass * half
-    if scene.drive is not None:
+    time, first = steps * deck.schedule.step, deck.first_id - 1
+    if scene.driving_force is not None:
         outer = np.array(np.broadcast_to(outer, net.shape))
-        outer[:, deck.first_id - 1] += scene.drive.at(steps * deck.schedule.step)
+        outer[:, first] += scene.driving_force.at(time)
+    # a frozen wall has net force but no acceleration
+    acceleration = net * deck.mobility
+    if scene.piston is not None:
+        acceleration[:, first] = scene.piston.acceleration(time)
     bodies = slice(deck.first_id - 1, deck.first_id - 1 + scene.n_body)
 
     def at_rest_beside(moving: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -233,8 +238,7 @@ def dense_of(scene: Scene, deck: Deck, steps: NDArray[np.int64], values: NDArray
     return Dense(
         velocity=at_rest_beside(velocity),
         displacement=at_rest_beside(position - deck.line),
-        # a frozen wall has net force but no acceleration
-        acceleration=at_rest_beside(net * deck.mobility),
+        acceleration=at_rest_beside(acceleration),
         overlap=(deck.reach - np.diff(position, axis=1))[:, columns],
         force=np.cumsum(outer - net, axis=1)[:, columns],
         farthest=float(np.max(np.abs(position))),

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_bridge.backends.driven import Driven, driven_of, driving_force, rate_of
+from dem_bridge.backends.driven import Driven, driven_of, driving_force, piston_motion, rate_of
 from dem_bridge.errors import RunBroken
 from dem_bridge.foundation.compiled import interruptible, kernel
 from dem_bridge.scene.scene import Scene
@@ -50,7 +50,7 @@ class Prescan:
 def prescan_hertz(scene: Scene, *, max_steps: int = 200_000_000) -> Prescan:
     """Coarse run of the whole scene. Raises RunBroken where it would take more than ``max_steps``."""
     c = scene.contacts
-    inverse_mass = np.append(1.0 / np.array(scene.mass), 0.0)
+    inverse_mass = scene.mobility
     bodies = (inverse_mass, np.append(np.array(scene.velocity), 0.0), np.zeros(scene.n_body + 1))
     contacts = (c.left, c.right, c.stiffness, c.exponent, c.damping, c.damping_power, c.clip, c.pull_off)
     numbers = (
@@ -118,7 +118,9 @@ def _pace(scene: Scene) -> float:
     """rad/s: how fast a drive changes, or moves a contact of body 0 that holds against it; 0 without."""
     if scene.drive is None or scene.drive.peak == 0.0:
         return 0.0
-    c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    if scene.piston is not None:
+        return max(scene.piston.rate, 1.0 / scene.duration)
+    c, inverse_mass = scene.contacts, scene.mobility
     driven = (c.left == 0) | (c.right == 0)
     beta, n = c.stiffness[driven], c.exponent[driven]
     slope = (n - 1.0) * beta * (scene.drive.peak / beta) ** ((n - 2.0) / (n - 1.0))
@@ -166,6 +168,7 @@ def _run(
     for i in range(n_body):
         a[i] = free[i]
         falls = falls or free[i] != 0.0
+    moved = driven.piston.moves
     a[0] += driving_force(0.0, driven) * inverse_mass[0]
     for k in range(n_contact):
         if overlap[k] > 0.0:
@@ -202,6 +205,8 @@ def _run(
         slower = math.exp(-drag * dt)  # stable however strong
         for i in range(n_body):
             v[i] += 0.5 * dt * a[i]
+            if moved and i == 0:
+                v[0] = (piston_motion(time + dt, driven.piston)[0] - x[0]) / dt
             x[i] += dt * v[i]
             a[i] = free[i]
             if x[i] < low:  # faster to interpret than min and max
@@ -216,6 +221,8 @@ def _run(
                 elastic[k] = _press(k, overlap[k], v, a, inverse_mass, contacts)
         for i in range(n_body):
             v[i] = (v[i] + 0.5 * dt * a[i]) * slower
+            if moved and i == 0:
+                v[0], a[0] = piston_motion(time + dt, driven.piston)[1:]
             if abs(a[i]) > top_acceleration:
                 top_acceleration = abs(a[i])
         time += dt

@@ -20,11 +20,15 @@ def natural_scales(scene: Scene) -> tuple[float, NDArray[np.float64]]:
     """Largest speed (m/s) and overlap of each contact (m) that the energy at hand allows, roughly: what is small.
 
     Energy stored in an equilibrium cannot become motion: it counts for the overlaps of a precompressed chain alone.
-    What a drive adds is what it gives to body 0 alone before it turns.
+    What a drive adds is what it gives to body 0 alone before it turns; a piston gives its velocity to all bodies.
     """
     c, mass, v = scene.contacts, np.array(scene.mass), np.abs(scene.velocity)
-    if scene.drive is not None:
-        v[0] += scene.drive.peak / scene.mass[0] / max(scene.drive.rate, 1.0 / scene.duration)
+    if (push := scene.driving_force) is not None:
+        v[0] += push.peak / scene.mass[0] / max(push.rate, 1.0 / scene.duration)
+    if scene.piston is not None:
+        # whatever its mass, it can bring all bodies to its velocity
+        v = np.maximum(v, scene.piston.peak)
+        mass[0] = 0.0
     fall = abs(scene.gravity) * scene.duration
     initial = np.maximum(-c.gap, 0.0)
     held = scene.precompression > 0.0
@@ -57,7 +61,7 @@ def unfelt_overlap(scene: Scene) -> NDArray[np.float64]:
 
 def pair_overlap(scene: Scene, speed: float) -> NDArray[np.float64]:
     """Return the overlap of each contact, m, ``(n_contact,)``, if its two bodies alone met at ``speed`` (m/s)."""
-    c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    c, mobility = scene.contacts, scene.mobility
     square = speed / (mobility[c.left] + mobility[c.right]) * speed
     return np.asarray((0.5 * c.exponent * square / c.stiffness) ** (1.0 / c.exponent))
 
@@ -66,11 +70,11 @@ def in_common_frame(scene: Scene) -> tuple[Scene, float]:
     """Return the scene as seen by its slowest body, and the velocity (m/s) of that body, if all move the same way.
 
     A velocity that all bodies have in common would leave few digits for those at which they meet. Drag is proportional
-    to velocity: it slows the frame as it would a free body, and the equations in it are the same. With a wall there is
-    a frame at rest: the scene is returned as it is, with a velocity of 0.
+    to velocity: it slows the frame as it would a free body, and the equations in it are the same. With a wall or a
+    piston there is a frame at rest: the scene is returned as it is, with a velocity of 0.
     """
     slowest = min(scene.velocity, key=abs)
-    held = scene.wall_left is not None or scene.wall_right is not None
+    held = scene.wall_left is not None or scene.wall_right is not None or scene.piston is not None
     if held or not all(velocity * slowest > 0.0 for velocity in scene.velocity):
         return scene, 0.0
     return replace(scene, velocity=tuple(velocity - slowest for velocity in scene.velocity)), slowest
@@ -99,7 +103,7 @@ def resting_speed(scene: Scene) -> float:
     """
     if scene.precompression == 0.0:
         return 0.0
-    c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    c, mobility = scene.contacts, scene.mobility
     lighter = np.maximum(mobility[c.left], mobility[c.right])
     return math.sqrt(float(np.max(c.stiffness * (-c.gap) ** c.exponent * lighter, initial=0.0)))
 
@@ -112,7 +116,7 @@ def resting_acceleration(scene: Scene) -> NDArray[np.float64]:
     passes zero all the time: maximal compressions are only those that a force ends. The same holds for a stack whose
     initial overlaps carry its weight, and for adhesion in equilibrium. 0 without precompression, weight and adhesion.
     """
-    c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    c, mobility = scene.contacts, scene.mobility
     held = scene.precompression > 0.0 or scene.gravity != 0.0 or scene.adhesive
     force = c.stiffness * np.maximum(-c.gap, 0.0) ** (c.exponent - 1.0) if held else np.zeros(scene.n_contact)
     return frozen(RESTING * force * (mobility[c.left] + mobility[c.right]))

@@ -56,7 +56,7 @@ def prescan_scene(scene: Scene, load: Callable[[Callable[[], Prescan]], Prescan]
 
 def _frequency(scene: Scene, deepest: NDArray[np.float64]) -> float:
     """Highest angular frequency, or rate, of contacts (rad/s) with overlaps up to ``deepest`` (m), ``(n_contact,)``."""
-    c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    c, inverse_mass = scene.contacts, scene.mobility
     mobility = inverse_mass[c.left] + inverse_mass[c.right]
     touched = np.flatnonzero(deepest > 0.0)
     # 256 chords: a law can be steepest anywhere

@@ -30,7 +30,8 @@ class ScipyDop853(AlwaysAvailable):
         | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
         | {features.DASHPOT, features.MASS_VELOCITY, features.KUWABARA_KONO, features.COEFF_RESTITUTION, features.TSUJI}
         | {features.CONTACT_FUNCTIONS, features.NOT_CLIPPED, features.DMT, features.DRAG}
-        | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE},
+        | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE}
+        | {features.CONSTANT_PISTON, features.SINE_PISTON, features.TABLE_PISTON},
         instead="verlet",
     )
 

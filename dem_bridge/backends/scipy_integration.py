@@ -134,7 +134,7 @@ def rounded_overlap(scene: Scene) -> Floats:
     grows by in a radian of its oscillation about the static overlap. A tenth of that leaves the result as it is.
     Without this bound steps follow round-off: a chain that flies at 14 m/s from a wall took 108,000 for 165 periods.
     """
-    c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    c, mobility = scene.contacts, scene.mobility
     velocity, static = np.abs(np.append(scene.velocity, 0.0)), np.maximum(-c.gap, 1e-300)
     tangent = c.stiffness * (c.exponent - 1.0) * static ** (c.exponent - 2.0)
     frequency = np.sqrt(tangent * (mobility[c.left] + mobility[c.right]))
@@ -181,7 +181,9 @@ class Integration:
         self.lowest = -c.gap  # the smallest overlap of each contact so far, m
         #: how fast the closing rate of a contact falls at its first crossing, m/s^2; the keys are their numbers
         self.slowing_at_crossing: dict[str, float] = {}
-        self.drive = None if scene.drive is None else scene.drive.function()
+        self.drive = None if scene.driving_force is None else scene.driving_force.function()
+        #: acceleration of a piston, m/s^2, until the next of its bends; None without one, or at a constant velocity
+        self.piston: Callable[[float], float] | None = None
 
     def run(self) -> None:
         """Integrate from event to event until the end of the scene."""
@@ -194,6 +196,7 @@ class Integration:
         while at < end:
             # a high order needs smooth forces: it ends, too, where a drive bends
             stop = breaks[bisect_right(breaks, at)] if breaks and at < breaks[-1] else end
+            self._set_piston(at, stop, y)
             with np.errstate(over="ignore", invalid="ignore"):  # a trial step may be far too long, and is refused
                 solver = self._solver(state, at, y, stop)
             solver.h_abs = min(solver.h_abs, self._longest_start(y))
@@ -232,10 +235,24 @@ class Integration:
                 self.restarts += 1
         self._note_end(end, y, state)
 
+    def _set_piston(self, at: float, stop: float, y: Floats) -> None:
+        """Set the acceleration of a piston between two times, s, and its velocity at the first of them in ``y``."""
+        piston = self.scene.piston
+        if piston is None or piston.shape == "constant":
+            return
+        y[self.k] = float(piston.at(at))
+        if piston.shape == "table":
+            # it is the same at all times between; at their ends it jumps
+            slope = float(piston.acceleration(0.5 * (at + stop)))
+            self.piston = lambda t: slope
+        else:
+            size, turn, phase = piston.peak * piston.turn, piston.turn, math.radians(piston.phase)
+            self.piston = lambda t: size * math.cos(turn * t + phase)
+
     def _solver(self, state: NDArray[Any], at: float, y: Floats, stop: float, **more: float) -> DOP853:
         """Return scipy's solver from a time to another; its steps are compiled unless they need functions of Python."""
         settings = (self.derivative(state), at, y, stop)
-        if self.laws or self.drive is not None:
+        if self.laws or self.drive is not None or self.piston is not None:
             return DOP853(*settings, rtol=self.rtol, atol=self.atol, **more)
         system = (state, self.contacts, self.bodies, self.scene.drag)
         return CompiledDop853(system, *settings, rtol=self.rtol, atol=self.atol, **more)
@@ -300,13 +317,15 @@ class Integration:
     def derivative(self, state: NDArray[Any]) -> Callable[[float, Floats], Floats]:
         """Return the right-hand side for a fixed state of the contacts: smooth across the closing of any other."""
         k, contacts, bodies, drag, drive = self.k, self.contacts, self.bodies, self.scene.drag, self.drive
-        derivative, nothing = kernels.derivative.compiled, np.empty(0)
+        derivative, nothing, piston = kernels.derivative.compiled, np.empty(0), self.piston
 
         def slope(t: float, y: Floats) -> Floats:
             out = np.empty_like(y)
             elastic = self._elastic(y[:k]) if self.laws else nothing
             push = 0.0 if drive is None else drive(t)
             derivative(y, state, elastic, contacts, bodies, drag, push, out)
+            if piston is not None:
+                out[k] = piston(t)
             return out
 
         return slope

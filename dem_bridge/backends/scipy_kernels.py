@@ -43,7 +43,7 @@ CONTACT = np.dtype(
         ("pull_off", "f8"),
     ]
 )
-#: a body: inverse mass (1/kg), acceleration without contact (m/s^2)
+#: a body: inverse mass (1/kg; 0: it keeps its velocity), acceleration without contact (m/s^2)
 BODY = np.dtype([("mobility", "f8"), ("free", "f8")])
 
 
@@ -86,7 +86,7 @@ def contact_table(scene: Scene) -> NDArray[Any]:
 def body_table(scene: Scene) -> NDArray[Any]:
     """Return the bodies of a scene as one array of :data:`BODY`."""
     table = np.zeros(scene.n_body, BODY)
-    table["mobility"], table["free"] = 1.0 / np.array(scene.mass), scene.free_acceleration
+    table["mobility"], table["free"] = scene.mobility[:-1], scene.free_acceleration
     return table
 
 
@@ -109,7 +109,7 @@ def derivative(
             out[k + contacts[i].right] += force
     for i in range(n):
         out[k + i] = out[k + i] * bodies[i].mobility + bodies[i].free
-        if drag > 0.0:
+        if drag > 0.0 and bodies[i].mobility > 0.0:
             out[k + i] -= drag * y[k + i]
     out[k] += push * bodies[0].mobility
     out[k + n] = y[k]

@@ -1,7 +1,7 @@
 """Runs of splitting methods, kicks and drifts in turn: velocity-Verlet, and what has more of both in a step.
 
-The plain kernel :func:`integrate` has everything: any law, tables, damping, drag, a drive, overlaps or positions. Where
-all is Hertz's law alone :mod:`.fused` does the same bit for bit, several times sooner.
+The plain kernel :func:`integrate` has everything: any law, tables, damping, drag, a drive or a piston, overlaps
+or positions. Where all is Hertz's law alone :mod:`.fused` does the same bit for bit, several times sooner.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.base import Named
 from dem_bridge.backends.curves import CELLS, Curves, curve_force, curves_of
-from dem_bridge.backends.driven import Driven, driven_of, driving_force
+from dem_bridge.backends.driven import Driven, driven_of, driving_force, piston_motion
 from dem_bridge.backends.fused import PADDING, advance
 from dem_bridge.backends.scales import resting_acceleration
 from dem_bridge.backends.steps import Dense, check_finite, read_off, touching_in_flight
@@ -296,6 +296,7 @@ def integrate(
     tabled, curved = tables.law.shape[0] > 0, curves.law.shape[0] > 0
     hertz, damped, adhesive = np.all(exponent == 2.5), np.any(damping > 0.0), np.any(pull_off > 0.0)
     pushed = driven.amplitude > 0.0 or len(driven.values) > 0
+    moved = driven.piston.moves
     # of a step, where the forces of each stage are: the last at its end to the last digit
     ends = np.cumsum(drifts)
     ends[-1] = 1.0
@@ -304,6 +305,9 @@ def integrate(
     v[:n_body] = velocity
     net, push, weight = np.zeros(n_body + 1), np.zeros(n_body + 1), np.zeros(n_body + 1)
     push[:n_body], weight[:n_body] = dt / mass, mass * gravity + load
+    _, given, bend = piston_motion(0.0, driven.piston)
+    if moved:
+        push[0] = 0.0
     overlap, position = -gap, start.copy()
     out_v, out_x = np.zeros((n_dense, n_body + 1)), np.zeros((n_dense, n_body + 1))
     out_a = np.zeros((n_dense, n_body + 1))
@@ -318,6 +322,10 @@ def integrate(
                     if stage == 0:
                         for i in range(n_body):
                             v[i] += kicks[0] * push[i] * net[i]
+                    if moved:
+                        # its mean velocity in the drift, so that it arrives where it shall be
+                        way, given, bend = piston_motion((step - 1 + ends[stage]) * dt, driven.piston)
+                        v[0] = (way - x[0]) / drift
                     for i in range(n_body):
                         x[i] += drift * v[i]
                     if not positional:
@@ -329,6 +337,9 @@ def integrate(
                         for i in range(n_body):
                             position[i] += drift * v[i]
                             x[i] = position[i] - start[i]
+                    if moved:
+                        # LAMMPS' damping, too, has its velocity at the end of the step
+                        v[0] = given
                 if positional:
                     # at the start too: there gaps are as rounded positions have them
                     for k in range(links):
@@ -390,4 +401,6 @@ def integrate(
         out_force[row] = force
         for i in range(n_body):
             out_a[row, i] = net[i] / mass[i]
+        if moved:
+            out_a[row, 0] = bend
     return out_v, out_x, out_a, out_overlap, out_force

@@ -95,6 +95,8 @@ def measured(
     contact_laws, order, c = laws(scene), line_order(scene), scene.contacts
     # damping goes with the velocity of the half step, and at the start with that of the start
     half = dense.velocity - np.where(plan.dense_steps > 0, 0.5 * plan.step, 0.0)[:, None] * dense.acceleration
+    if scene.piston is not None:  # its velocity is that of the end of the step
+        half[:, 0] = dense.velocity[:, 0]
     elastic = dense.force - np.where(dense.overlap > 0.0, c.damping * (half[:, c.left] - half[:, c.right]), 0.0)
     # forces are running sums of net forces. An atom's is two contacts' and its weight (one sum each), and is taken from
     # the weight and added up (one each): half an ulp of at most both forces, four times, and of the weight, twice

@@ -32,6 +32,7 @@ class Verlet(AlwaysAvailable):
         | {features.DASHPOT, features.MASS_VELOCITY, features.KUWABARA_KONO, features.COEFF_RESTITUTION, features.TSUJI}
         | {features.CONTACT_FUNCTIONS, features.NOT_CLIPPED, features.DMT, features.DRAG}
         | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE}
+        | {features.CONSTANT_PISTON, features.SINE_PISTON, features.TABLE_PISTON}
     )
 
     def run(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> Trajectory:

@@ -19,6 +19,7 @@ import click
 import dem_bridge
 from dem_bridge.cli import options, terminal, waiting
 from dem_bridge.cli.check import check
+from dem_bridge.cli.conform import conform
 from dem_bridge.cli.contact import contact
 from dem_bridge.cli.demo import demo, show
 from dem_bridge.cli.files import compare, convert, export, judge
@@ -277,6 +278,7 @@ _COMMANDS = (
     compare,
     check,
     judge,
+    conform,
     import_group,
     store_group,
 )

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dem_bridge.backends.driven import Driven, driving_force
+from dem_bridge.backends.driven import Driven, driving_force, piston_motion
 from dem_bridge.foundation.compiled import Floats, Ints, kernel
 
 #: fixed-step methods: velocity Verlet, leapfrog that starts with a drift, symplectic Euler that starts with a kick or
@@ -99,12 +99,19 @@ def forces(x: Floats, v: Floats, count: int, system: System, f: Floats) -> None:
 
 @kernel(nogil=False)
 def accelerations(t: float, x: Floats, v: Floats, count: int, system: System, f: Floats, a: Floats) -> None:
-    """Write the acceleration (m/s^2) of the first ``count`` bodies at time ``t`` (s) into ``a``."""
+    """Write the acceleration (m/s^2) of the first ``count`` bodies at time ``t`` (s) into ``a``.
+
+    A piston is put where it is at this time, in ``x`` and ``v``, and its acceleration is 0: methods need not move it.
+    """
+    if system.driven.piston.moves:
+        x[0], v[0] = piston_motion(max(t, 0.0), system.driven.piston)[:2]
     forces(x, v, count, system, f)
     for i in range(count):
         a[i] = (f[i] - f[i + 1]) / system.mass[i] + system.free[i] - system.drag * v[i]
     if system.driven.amplitude != 0.0 or len(system.driven.values) > 0:
         a[0] += driving_force(max(t, 0.0), system.driven) / system.mass[0]
+    if system.driven.piston.moves:
+        a[0] = 0.0
 
 
 @kernel(nogil=False)
@@ -198,6 +205,8 @@ def adaptive(
                 size = h * max(0.1, 0.9 * ratio**-0.125)
         forces(x, v, n, system, f)
         out_x[row], out_v[row], out_a[row], out_f[row] = x, v, a, f
+        if system.driven.piston.moves:
+            out_a[row, 0] = piston_motion(t, system.driven.piston)[2]
     return out_x, out_v, out_a, out_f, times[-1]
 
 
@@ -268,4 +277,6 @@ def fixed(system: System, steps: Ints, dt: float, method: int, speed: float) -> 
             pv -= 0.5 * dt * a
         forces(x, pv, n, system, f)
         out_x[row], out_v[row], out_a[row], out_f[row] = x, v, a, f
+        if system.driven.piston.moves:
+            out_a[row, 0] = piston_motion(step * dt, system.driven.piston)[2]
     return out_x, out_v, out_a, out_f

@@ -9,6 +9,10 @@ A drive is a LAMMPS variable: the force on body 0 is a formula of the step, whic
 (2025-07-22) needs some microseconds per step for it: 6 for a sine, 11 for a table of any length, 17 for a chirp that
 rises and ends. A table is in a file of its own, as one command. 5,000,000 values were read in 9 s; the only limit is
 memory.
+
+A piston is an atom of ``fix move``: ``linear`` at a constant velocity; ``wiggle``, whose velocity is largest at time 0,
+for a sine of phase 90 or -90 degrees; else ``variable`` with formulas of displacement *and* velocity. With the velocity
+alone LAMMPS sums it up to first order in the step. The atom is not frozen: its mass counts in damping.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -40,6 +44,7 @@ from dem_bridge.lmp.pair_coefficients import (
 from dem_bridge.physics.contact_law import Floats
 from dem_bridge.scene.contacts import Contacts
 from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.piston import Piston
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.dense import Schedule
 from dem_bridge.version import FORM_DATE, __version__
@@ -67,9 +72,9 @@ class Deck:
     line: Floats
     """Position of each atom at the start as LAMMPS reads it, m, walls included."""
     weight: Floats
-    """Constant force on each atom, N."""
+    """Constant force on each atom, N; 0 for walls and for a piston, on which no fix acts."""
     mobility: Floats
-    """Inverse mass of each atom, 1/kg; 0 for a wall."""
+    """Inverse mass of each atom, 1/kg; 0 for a wall and for a piston."""
     first_id: int
     """Atom id of body 0."""
     types: int
@@ -191,14 +196,14 @@ def deck_of(
         rows = numbered_rows("{} {!r}".format, line.mass)
         files[f"masses.{scene.name}"] = _lines(_header(scene, "masses in kg"), f"{len(line.mass)}", *rows)
     if scene.drive is not None and scene.drive.shape == "table":
-        files[f"drive.{scene.name}"] = _lines(_header(scene, "force on body 0 in N"), *drive_file(scene.drive))
+        files[f"drive.{scene.name}"] = _lines(*_drive_file(scene))
     return Deck(
         name=scene.name,
         files=MappingProxyType(files),
         surrogate_radius=radius,
         line=line.place,
-        weight=np.pad(scene.steady_force, line.walls),
-        mobility=np.pad(1.0 / np.array(scene.mass), line.walls),
+        weight=np.pad(np.where(scene.mobility[:-1] > 0.0, scene.steady_force, 0.0), line.walls),
+        mobility=np.pad(scene.mobility[:-1], line.walls),
         first_id=1 + line.walls[0],
         types=int(np.max(line.types)),
         schedule=schedule,
@@ -285,24 +290,31 @@ def _input(line: _Line, plan: Schedule, floor: float | None) -> str:
 
 
 def _variables(scene: Scene) -> Iterator[str]:
-    """Yield the variables of the forces that act on bodies."""
+    """Yield the variables of the forces that act on bodies, and of the motion of a piston."""
     if scene.gravity != 0.0:
         yield f"variable gravity     index {abs(scene.gravity)!r}  # m/s^2"
     if scene.drag > 0.0:
         yield f"variable drag_time   index {1.0 / scene.drag!r}  # s; the drag force is -mass * velocity / drag_time"
-    if scene.drive is not None:
-        yield from drive_variables(scene.drive, f"drive.{scene.name}", scene.duration)
+    if scene.driving_force is not None:
+        yield from drive_variables(scene.driving_force, f"drive.{scene.name}", scene.duration)
+    if scene.piston is not None:
+        yield from piston_variables(scene.piston, f"drive.{scene.name}")
 
 
 def _fixes(line: _Line) -> Iterator[str]:
     """Yield the groups and fixes of the deck."""
     scene, walls = line.scene, line.walls
-    group = "all"
+    group, apart = "all", []
     if any(walls):
         frozen = [str(i) for i, there in ((1, walls[0]), (len(line.types), walls[1])) if there]
-        group = "bodies"
+        apart.append("walls")
         yield f"group           walls id {' '.join(frozen)}"
-        yield "group           bodies subtract all walls"
+    if scene.piston is not None:
+        apart.append("piston")
+        yield f"group           piston id {1 + walls[0]}"
+    if apart:
+        group = "bodies"
+        yield f"group           bodies subtract all {' '.join(apart)}"
     yield f"fix             motion {group} nve"
     if scene.gravity != 0.0:
         yield f"fix             weight {group} gravity ${{gravity}} vector {1 if scene.gravity > 0 else -1} 0 0"
@@ -310,10 +322,13 @@ def _fixes(line: _Line) -> Iterator[str]:
         # a heat bath at zero temperature exerts the drag force -mass * velocity / time without noise
         yield f"fix             drag {group} langevin 0 0 ${{drag_time}} 1"
     loads = scene.load.tolist()
+    if scene.piston is not None:
+        yield f"fix             piston piston move {_move(scene.piston)}"
+        loads[0] = 0.0
     for body in np.flatnonzero(loads).tolist():
         yield f"group           load{body} id {body + 1 + walls[0]}"
         yield f"fix             load{body} load{body} addforce {loads[body]!r} 0 0"
-    if scene.drive is not None:
+    if scene.driving_force is not None:
         yield f"group           driven id {1 + walls[0]}"
         yield "fix             drive driven addforce v_drive 0 0"
 
@@ -419,14 +434,59 @@ def _at_most(time: float) -> str:
     return f"(({_TIME}<{time!r})*{_TIME}+({_TIME}>={time!r})*{time!r})"
 
 
-def drive_file(drive: Drive) -> Iterator[str]:
-    """Yield the lines of a table's file, one command over many lines.
+def _move(piston: Piston) -> str:
+    """Return the style of ``fix move`` of a piston, with its arguments."""
+    if piston.shape == "constant":
+        return f"linear {piston.velocity!r} 0 0"
+    if (sign := {90.0: 1.0, -90.0: -1.0, 270.0: -1.0}.get(piston.phase)) and piston.frequency is not None:
+        # LAMMPS moves it by A sin(2 pi t / period)
+        return f"wiggle {sign * piston.peak / piston.turn!r} 0 0 {1.0 / piston.frequency!r}"
+    return "variable v_piston_x NULL NULL v_piston_v NULL NULL"
 
-    The last value is repeated, because LAMMPS reads one value beyond it at the end.
+
+def piston_variables(piston: Piston, file: str) -> Iterator[str]:
+    """Yield the lines that define ``v_piston_x`` (m) and ``v_piston_v`` (m/s) at each step of ``v_dt`` s, where needed.
+
+    ``file`` contains the values of a table and the displacements at their times.
     """
-    assert isinstance(drive.force, tuple)  # set in Drive.__post_init__
-    words = [repr(value) for value in (*drive.force, drive.force[-1])]
+    if "variable" not in _move(piston):
+        return
+    if piston.shape == "table":
+        interval, place = repr(piston.interval), f"{_TIME}/{piston.interval!r}"
+        yield f"include {file}  # defines the variables piston_velocity, m/s, and piston_way, m"
+        yield f"variable piston_this equal floor({place})+1  # interval of {interval} s; LAMMPS counts from 1"
+        yield f"variable piston_next equal floor({place})+2"
+        # passed with 15 digits, which is 1e-15 of what the velocity changes by in an interval
+        yield f"variable piston_part equal {place}-floor({place})"
+        low, high = "v_piston_velocity[v_piston_this]", "v_piston_velocity[v_piston_next]"
+        mean = f"(0.5*({high}-{low})*v_piston_part+{low})"
+        yield f"variable piston_x    equal v_piston_way[v_piston_this]+{interval}*v_piston_part*{mean}  # m"
+        yield f"variable piston_v    equal {low}+({high}-{low})*v_piston_part  # m/s: {piston.words}"
+        return
+    phase = math.radians(piston.phase)
+    angle = f"{piston.turn!r}*{_TIME}{f'+({phase!r})' if phase != 0.0 else ''}"
+    yield f"variable piston_x    equal {piston.peak / piston.turn!r}*({math.cos(phase)!r}-cos({angle}))  # m"
+    yield f"variable piston_v    equal {piston.peak!r}*sin({angle})  # m/s: {piston.words}"
+
+
+def _drive_file(scene: Scene) -> Iterator[str]:
+    """Yield the lines of the file with the table of a drive."""
+    if (drive := scene.driving_force) is not None and isinstance(drive.force, tuple):
+        yield _header(scene, "force on body 0 in N")
+        yield from vector_lines("drive_force", (*drive.force, drive.force[-1]))
+    if (piston := scene.piston) is not None and isinstance(piston.velocity, tuple):
+        yield _header(scene, "velocity of body 0 in m/s and its displacement in m")
+        yield from vector_lines("piston_velocity", (*piston.velocity, piston.velocity[-1]))
+        yield from vector_lines("piston_way", (*piston.knots.tolist(), piston.knots[-1].item()))
+
+
+def vector_lines(name: str, values: Sequence[float]) -> Iterator[str]:
+    """Yield the command, over many lines, that defines a vector of LAMMPS.
+
+    The last value of a table is given twice, because LAMMPS reads one value beyond it at the end.
+    """
+    words = list(map(repr, values))
     rows = [",".join(words[at : at + _ON_A_LINE]) for at in range(0, len(words), _ON_A_LINE)]
-    yield "variable drive_force vector [&"
+    yield f"variable {name} vector [&"
     yield from (f"{row},&" for row in rows[:-1])
     yield f"{rows[-1]}]"

@@ -191,6 +191,7 @@ STYLES = {
     "fix freeze": "GRANULAR",
     "pair table": "",
     "fix addforce": "",
+    "fix move": "",
     "fix langevin": "",
     "fix viscous": "",
 }

@@ -150,7 +150,8 @@ GRANULAR_STYLE = Support(
     | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION}
     | {features.DASHPOT, features.MASS_VELOCITY, features.KUWABARA_KONO, features.COEFF_RESTITUTION, features.TSUJI}
     | {features.NOT_CLIPPED, features.DMT, features.DRAG}
-    | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE},
+    | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE}
+    | {features.CONSTANT_PISTON, features.SINE_PISTON, features.TABLE_PISTON},
     exponents=Exponents(values=tuple(MODELS)),
     conditions=(Condition("no damping by a coefficient of restitution in adhesive contacts", _cohesive_restitution),),
     instead="lammps-table",

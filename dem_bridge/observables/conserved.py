@@ -27,11 +27,14 @@ from dem_bridge.observables.interpolate import (
     contact_motion,
     hermite,
     integrals,
+    piston_contact,
     require_known_forces,
+    touch_times,
 )
 from dem_bridge.observables.modes import tangent_stiffness
 from dem_bridge.observables.observable import Measured, measured, whole
 from dem_bridge.scene.contacts import Contacts
+from dem_bridge.scene.piston import Piston
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 
@@ -144,10 +147,12 @@ def measure_energy_less_work(scene: Scene, trajectory: Trajectory) -> tuple[Floa
 def work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, float]:
     """Return the work of the drive on body 0 until each sample, J, ``(n_t,)``, and its uncertainty; 0 without a drive.
 
-    The uncertainty is that of :func:`~dem_bridge.observables.interpolate.integrals`. nan where a trajectory has no
-    contact forces.
+    That of a piston is the work of the force that moves body 0 as prescribed against all others. The uncertainty is
+    that of :func:`~dem_bridge.observables.interpolate.integrals`. nan where a trajectory has no contact forces.
     """
-    time, drive = trajectory.time, scene.drive
+    if scene.piston is not None:
+        return _work_of_piston(scene, scene.piston, trajectory)
+    time, drive = trajectory.time, scene.driving_force
     if drive is None:
         return np.zeros(len(time)), 0.0
     velocity, slope = trajectory.velocity[:, :1], acceleration(scene, trajectory)[:, :1]
@@ -157,6 +162,36 @@ def work(scene: Scene, trajectory: Trajectory) -> tuple[Floats, float]:
 
     done, uncertainty = integrals(trajectory, power, drive.breaks)
     return done[:, 0], float(uncertainty[0])
+
+
+def _work_of_piston(scene: Scene, piston: Piston, trajectory: Trajectory) -> tuple[Floats, float]:
+    """Return what :func:`work` returns for a piston.
+
+    Kinetic energy and the work of weight and load follow from its motion. The work against drag and the first contact
+    is integrated, with the motion of body 1 between samples; its uncertainty includes that of the run.
+    """
+    c, mass, first = scene.contacts, scene.mass[0], np.array([0])
+    u_x, u_v = (trajectory.uncertainty[name] for name in ("displacement", "velocity"))
+
+    def power(overlap: Floats, rate: Floats, speed: Floats) -> Floats:
+        force = c.force(np.maximum(overlap, 0.0), first) + c.damping_force(overlap, rate, first)
+        return np.asarray(((np.maximum(force, 0.0) if c.clip else force) + scene.drag * mass * speed) * speed)
+
+    def at(when: Floats, nodes: int) -> tuple[Floats, Floats, Floats]:
+        return *piston_contact(scene, trajectory, when, nodes=nodes), piston.at(when)
+
+    def change(when: Floats, nodes: int) -> Floats:
+        overlap, rate, speed = at(when, nodes)
+        further = np.where(overlap > 0.0, overlap + u_x, overlap)
+        return np.asarray(np.abs(power(further, rate + np.copysign(u_v, rate), speed) - power(overlap, rate, speed)))
+
+    overlap, closing = contact_motion(scene, trajectory)
+    breaks = np.concatenate([piston.breaks, touch_times(trajectory, overlap[:, :1], closing[:, :1])])
+    done, uncertainty = integrals(trajectory, lambda when, nodes: power(*at(when, nodes)), breaks)
+    unknown = float(integrals(trajectory, change, breaks)[0][-1, 0]) if np.isfinite((u_x, u_v)).all() else np.inf
+    speed, way = piston.at(trajectory.time), piston.displacement(trajectory.time)
+    own = 0.5 * mass * (speed**2 - speed[0] ** 2) - scene.steady_force[0] * way
+    return done[:, 0] + own, float(uncertainty[0]) + unknown
 
 
 #: verifications judge their drift, where a scene conserves them

@@ -32,6 +32,7 @@ KNOWN_FORCES = Support(
     | {features.DASHPOT, features.MASS_VELOCITY, features.KUWABARA_KONO, features.COEFF_RESTITUTION, features.TSUJI}
     | {features.CONTACT_FUNCTIONS, features.NOT_CLIPPED, features.DMT, features.DRAG}
     | {features.SINE_DRIVE, features.CHIRP_DRIVE, features.TABLE_DRIVE}
+    | {features.CONSTANT_PISTON, features.SINE_PISTON, features.TABLE_PISTON}
 )
 #: samples that carry a polynomial, and those that carry the coarser one
 NODES, FEWER = 6, 4
@@ -42,8 +43,8 @@ _MOST_STEPS = 54
 def acceleration(scene: Scene, trajectory: Trajectory) -> Floats:
     """Return the acceleration of each body at each sample, m/s^2, ``(n_t, n_body)``.
 
-    It is the sum of contact forces, gravity, load, drag and drive over the mass; nan where a trajectory has no contact
-    forces (binary collisions).
+    It is the sum of contact forces, gravity, load, drag and drive over the mass, for a piston that of its motion; nan
+    where a trajectory has no contact forces (binary collisions).
     """
     require_known_forces(scene, "the accelerations of bodies")
     c, force = scene.contacts, trajectory.contact_force
@@ -51,8 +52,10 @@ def acceleration(scene: Scene, trajectory: Trajectory) -> Floats:
     total[:, c.right] += force  # no body has two contacts on one side
     total[:, c.left] -= force
     result = total[:, :-1] / np.array(scene.mass) + scene.free_acceleration - scene.drag * trajectory.velocity
-    if scene.drive is not None:
-        result[:, 0] += scene.drive.at(trajectory.time) / scene.mass[0]
+    if scene.driving_force is not None:
+        result[:, 0] += scene.driving_force.at(trajectory.time) / scene.mass[0]
+    if scene.piston is not None:
+        result[:, 0] = scene.piston.acceleration(trajectory.time)
     return np.asarray(result)
 
 
@@ -181,6 +184,18 @@ def with_wall(motion: Floats) -> Floats:
     return result
 
 
+def piston_contact(scene: Scene, trajectory: Trajectory, when: Floats, *, nodes: int = NODES) -> tuple[Floats, Floats]:
+    """Return overlap (m; < 0: a gap) and closing velocity (m/s) of a piston and body 1 at times ``(n_when, 1)`` (s).
+
+    The motion of the piston is given; at the bends of a table no polynomial through samples has it.
+    """
+    assert scene.piston is not None  # for scenes with a piston only
+    x, v = trajectory.displacement[:, 1:2], trajectory.velocity[:, 1:2]
+    slope = acceleration(scene, trajectory)[:, 1:2]
+    overlap = scene.piston.displacement(when) - hermite(trajectory, x, v, when, nodes=nodes) - scene.contacts.gap[0]
+    return overlap, scene.piston.at(when) - hermite(trajectory, v, slope, when, nodes=nodes)
+
+
 def state_at(scene: Scene, trajectory: Trajectory, when: Floats) -> tuple[Floats, Floats]:
     """Return overlaps >= 0 (m, ``(n_when, n_contact)``) and velocities (m/s, ``(n_when, n_body)``) at some times."""
     at = when[:, None]
@@ -214,3 +229,23 @@ def root_between(function: Bracketed, low: Floats, high: Floats) -> Floats:
         if np.all(np.abs(guess - before) <= 2.0 * np.spacing(np.abs(guess))):
             break
     return guess
+
+
+def touch_times(trajectory: Trajectory, overlap: Floats, closing: Floats) -> Floats:
+    """Return the times at which any contact opens or closes, and times that approach them in powers of 2, s.
+
+    The force of a dashpot jumps there, and that of a law by restitution has an infinite slope.
+    """
+    closed = overlap > 0.0
+    row, column = np.nonzero(closed[1:] != closed[:-1])
+    if not row.size:
+        return np.zeros(0)
+
+    def between(when: Floats) -> Floats:
+        return hermite(trajectory, overlap[:, column], closing[:, column], when)
+
+    roots = root_between(between, trajectory.time[row], trajectory.time[row + 1])
+    approaching = 0.5 ** np.arange(12) * (trajectory.time[1] - trajectory.time[0])
+    return np.concatenate(
+        [roots, np.add.outer(roots, approaching).ravel(), np.subtract.outer(roots, approaching).ravel()]
+    )

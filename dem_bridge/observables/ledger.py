@@ -16,9 +16,10 @@ from dem_bridge.observables.interpolate import (
     contact_motion,
     hermite,
     integrals,
+    piston_contact,
     require_forces,
     require_known_forces,
-    root_between,
+    touch_times,
 )
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
@@ -104,9 +105,14 @@ def _dissipated(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:
 
     def at(when: Floats, nodes: int) -> tuple[Floats, Floats]:
         pressed = hermite(trajectory, overlap, closing, when, nodes=nodes)
-        return np.maximum(pressed, 0.0), hermite(trajectory, closing, relative, when, nodes=nodes)
+        speed = hermite(trajectory, closing, relative, when, nodes=nodes)
+        if scene.piston is not None:
+            pressed[:, :1], speed[:, :1] = piston_contact(scene, trajectory, when, nodes=nodes)
+        return np.maximum(pressed, 0.0), speed
 
-    touches = _touches(trajectory, overlap, closing)
+    touches = touch_times(trajectory, overlap, closing)
+    if scene.piston is not None:
+        touches = np.concatenate([touches, scene.piston.breaks])
     done, uncertainty = integrals(trajectory, lambda when, nodes: power(*at(when, nodes)), touches)
     u_x, u_v = (trajectory.uncertainty[name] for name in ("displacement", "velocity"))
     if not np.isfinite((u_x, u_v)).all():
@@ -119,26 +125,6 @@ def _dissipated(scene: Scene, trajectory: Trajectory) -> tuple[Floats, Floats]:
         return np.asarray(np.abs(power(further, speed + np.copysign(2.0 * u_v, speed)) - power(pressed, speed)))
 
     return done, uncertainty + integrals(trajectory, change, touches)[0][-1]
-
-
-def _touches(trajectory: Trajectory, overlap: Floats, closing: Floats) -> Floats:
-    """Return the times at which any contact opens or closes, and times that approach them in powers of 2, s.
-
-    The force of a dashpot jumps there, and that of a law by restitution has an infinite slope.
-    """
-    closed = overlap > 0.0
-    row, column = np.nonzero(closed[1:] != closed[:-1])
-    if not row.size:
-        return np.zeros(0)
-
-    def between(when: Floats) -> Floats:
-        return hermite(trajectory, overlap[:, column], closing[:, column], when)
-
-    roots = root_between(between, trajectory.time[row], trajectory.time[row + 1])
-    approaching = 0.5 ** np.arange(12) * (trajectory.time[1] - trajectory.time[0])
-    return np.concatenate(
-        [roots, np.add.outer(roots, approaching).ravel(), np.subtract.outer(roots, approaching).ravel()]
-    )
 
 
 def _drag(scene: Scene, trajectory: Trajectory) -> Floats:

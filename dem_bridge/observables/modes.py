@@ -80,7 +80,7 @@ def _highest(scene: Scene, overlap: Floats) -> tuple[float, float]:
     """Return what :func:`highest_frequencies` returns, by the overlaps of contacts, m, ``(n_t, n_contact)``."""
     from scipy.linalg import eigvalsh_tridiagonal
 
-    c, mobility = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    c, mobility = scene.contacts, scene.mobility
     k = tangent_stiffness(scene, overlap)
     # along the line of bodies: the left wall's contact is the first
     links = len(scene.stiffness)

@@ -82,6 +82,8 @@ POWERS: Mapping[str, PowerCost] = MappingProxyType(
 )
 #: what LAMMPS (2025-07-22) adds in each step for the formula of a drive, s, by its shape
 DRIVES: Mapping[str, float] = MappingProxyType({"sine": 6e-6, "table": 11e-6, "chirp": 17e-6})
+#: the same for the formulas of displacement and velocity of a piston
+PISTONS: Mapping[str, float] = MappingProxyType({"constant": 0.0, "sine": 9e-6, "table": 35e-6})
 #: CPU time of a run with its uncertainty over that of the run alone. Fixed steps: twins at twice and at a third of the
 #: step (3.5), one in positions (1) and, for the longest, one with tables; adaptive codes: as many further runs
 WITH_UNCERTAINTY: Mapping[str, float] = MappingProxyType(
@@ -135,6 +137,8 @@ def predicted_cost(
     kernel = f"{'fast' if FUSED.covers(scene) else 'plain'} kernel"
     evaluations = steps * (1 if name in STEPS else evaluations_of(name))
     cost = STEPS.get(name, STEPS[kernel]).of(scene.n_body, samples, evaluations)
-    if scene.drive is not None and name.startswith("lammps"):
-        cost += steps * DRIVES[scene.drive.shape]
+    if scene.driving_force is not None and name.startswith("lammps"):
+        cost += steps * DRIVES[scene.driving_force.shape]
+    if scene.piston is not None and name.startswith("lammps"):
+        cost += steps * PISTONS[scene.piston.shape]
     return cost

@@ -146,11 +146,12 @@ DRAG = Feature(
 )
 
 
-def _driven(shape: str, label: str, sentence: str) -> Feature:
-    """Return the feature of a drive of this shape."""
+def _driven(shape: str, label: str, sentence: str, kind: str = "driving_force") -> Feature:
+    """Return the feature of a drive of this shape; ``kind``: the attribute of a scene that has it."""
 
     def present(scene: Any) -> bool:
-        return scene.drive is not None and bool(scene.drive.shape == shape)
+        drive = getattr(scene, kind)
+        return drive is not None and bool(drive.shape == shape)
 
     return Feature(label, sentence, present, does_work=True, changes_momentum=True)
 
@@ -160,11 +161,23 @@ CHIRP_DRIVE = _driven("chirp", "a chirp drive", "A sinusoidal force whose freque
 TABLE_DRIVE = _driven(
     "table", "a tabulated drive", "A force that is interpolated linearly between given values acts on body 0."
 )
+CONSTANT_PISTON = _driven(
+    "constant", "a piston of constant velocity", "Body 0 has a constant velocity, whatever acts on it.", "piston"
+)
+SINE_PISTON = _driven(
+    "sine", "a piston of sinusoidal velocity", "Body 0 has a sinusoidal velocity, whatever acts on it.", "piston"
+)
+TABLE_PISTON = _driven(
+    "table",
+    "a piston of tabulated velocity",
+    "Body 0 has a velocity that is interpolated linearly between given values, whatever acts on it.",
+    "piston",
+)
 
 #: a field that every backend must obey, or that does not act on the bodies
 BASE: tuple[Feature, ...] = ()
 
-#: the features that fields of Scene, Wall, Damping and Drive can give to a scene; every field is in one row
+#: the features that fields of Scene, Wall, Damping, Drive and Piston can give to a scene; every field is in one row
 _GIVEN_BY = (
     (BASE, "Scene.name Scene.duration Scene.mass Scene.stiffness Scene.samples Scene.spacing Scene.description"),
     (BASE, "Scene.geometry Scene.content_hash Scene._static_overlap Scene._reach"),
@@ -180,10 +193,14 @@ _GIVEN_BY = (
     ((NOT_CLIPPED,), "Damping.clip Damping._clip_by_default"),
     ((DMT, JKR), "Scene.adhesion Adhesion.law Adhesion.pull_off"),
     ((DRAG,), "Scene.drag"),
-    ((SINE_DRIVE, CHIRP_DRIVE, TABLE_DRIVE), "Scene.drive Drive.shape Drive.force"),
+    ((SINE_DRIVE, CHIRP_DRIVE, TABLE_DRIVE, CONSTANT_PISTON, SINE_PISTON, TABLE_PISTON), "Scene.drive"),
+    ((SINE_DRIVE, CHIRP_DRIVE, TABLE_DRIVE), "Drive.shape Drive.force"),
     ((SINE_DRIVE, CHIRP_DRIVE), "Drive.frequency Drive.phase Drive.rise"),
     ((CHIRP_DRIVE,), "Drive.last_frequency Drive.sweep"),
     ((TABLE_DRIVE,), "Drive.interval"),
+    ((CONSTANT_PISTON, SINE_PISTON, TABLE_PISTON), "Piston.shape Piston.velocity"),
+    ((SINE_PISTON,), "Piston.frequency Piston.phase"),
+    ((TABLE_PISTON,), "Piston.interval"),
 )
 #: field -> the features that it can give to a scene
 FIELDS: Mapping[str, tuple[Feature, ...]] = MappingProxyType(

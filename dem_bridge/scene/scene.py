@@ -27,6 +27,9 @@ from dem_bridge.foundation.numbers import (
 )
 from dem_bridge.physics.contact_law import ContactLaw, Law, completed, reach_of, stored
 from dem_bridge.physics.statics import static_forces, static_overlap
+from dem_bridge.scene.adhesion import ADHESION_LAWS as ADHESION_LAWS
+from dem_bridge.scene.adhesion import Adhesion as Adhesion
+from dem_bridge.scene.adhesion import checked_adhesion
 from dem_bridge.scene.contacts import Contacts, Floats
 from dem_bridge.scene.damping import BY_RESTITUTION as BY_RESTITUTION
 from dem_bridge.scene.damping import DAMPING_LAWS as DAMPING_LAWS
@@ -36,9 +39,8 @@ from dem_bridge.scene.damping import checked_damping, damping_factors
 from dem_bridge.scene.drive import KEYS, Drive
 from dem_bridge.scene.features import FEATURES, Feature
 from dem_bridge.scene.geometry import Geometry
+from dem_bridge.scene.piston import PISTON_KEYS, Piston, check_place
 
-#: laws of adhesion
-ADHESION_LAWS = ("dmt", "jkr")
 #: contact laws are checked up to this multiple of the scene's energy, because time stepping can add energy
 ENERGY_MARGIN = 1.05
 _POSITIVE, _NOT_NEGATIVE = {"above": 0.0}, {"at_least": 0.0}
@@ -78,38 +80,14 @@ class Wall:
     """Exponent n; None means that of the first contact of the chain."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Adhesion:
-    """An attraction in contacts of exponent 5/2, in addition to the elastic force.
-
-    ``pull_off`` is the largest attraction in N, >= 0, one for all or one per contact, walls included. With ``law``
-    "dmt" (Derjaguin, Muller & Toporov) the force is ``beta overlap^1.5 - pull_off`` while the overlap is > 0; spheres
-    of effective radius R and surface energy gamma have the pull-off force ``4 pi gamma R``. Energy is conserved, but
-    the force jumps at touch. With "jkr" (Johnson, Kendall & Roberts) it is ``3 pi gamma R``; a scene can have this law,
-    but no backend solves it: :func:`~dem_bridge.physics.adhesion.jkr_impact` has the closed form of an impact.
-
-    References
-    ----------
-    Derjaguin, Muller & Toporov 1975, *J. Colloid Interface Sci.* 53, 314.
-
-    Examples
-    --------
-    >>> Adhesion(law="dmt", pull_off=0.1)
-    Adhesion(law='dmt', pull_off=0.1)
-    """
-
-    law: str
-    pull_off: tuple[float, ...] | float
-
-
 #: fields of a Scene that are objects or None
 _PARTS = {
-    "wall_left": Wall,
-    "wall_right": Wall,
-    "damping": Damping,
-    "adhesion": Adhesion,
-    "drive": Drive,
-    "geometry": Geometry,
+    "wall_left": (Wall,),
+    "wall_right": (Wall,),
+    "damping": (Damping,),
+    "adhesion": (Adhesion,),
+    "drive": (Drive, Piston),
+    "geometry": (Geometry,),
 }
 
 
@@ -128,8 +106,9 @@ class Scene:
     carries the weight as well; without such a wall the chain falls freely. The gaps must be 0; they become minus the
     static overlaps. With a precompression of 0 no contact is compressed initially, not even by the weight. ``damping``
     and ``adhesion``: see :class:`Damping` and :class:`Adhesion`. Adhesive contacts that touch at the start must close.
-    ``drag`` b (1/s) is a force ``-b m v`` on each body. ``drive`` is a time-dependent force on body 0: see
-    :class:`~dem_bridge.scene.drive.Drive`.
+    ``drag`` b (1/s) is a force ``-b m v`` on each body. ``drive`` is a time-dependent force on body 0, a
+    :class:`~dem_bridge.scene.drive.Drive`, or its prescribed velocity, a :class:`~dem_bridge.scene.piston.Piston`; then
+    the start velocity of body 0 is 0 or that of the piston, which it becomes.
 
     ``law`` is for forces that are not a power of the overlap: a :class:`.ContactLaw`, or its
     force (N) alone as array function of the overlap (m), one for all or one per contact, walls included. The force must
@@ -172,7 +151,7 @@ class Scene:
     damping: Damping | None = None
     adhesion: Adhesion | None = None
     drag: float = 0.0
-    drive: Drive | None = None
+    drive: Drive | Piston | None = None
     law: Law | tuple[Law, ...] | None = None
     samples: int = 500
     spacing: float | None = None
@@ -197,9 +176,10 @@ class Scene:
             problem = f"has {len(mass)} entries" if mass else "is empty"
             raise SceneError("mass", problem=problem, allowed=f"at least one body, and at most {MOST_BODIES}")
         check_fields(self, _NUMBERS, sizes={"body": len(mass), "contact": len(mass) - 1})
-        for name, kind in _PARTS.items():
-            if not isinstance(part := getattr(self, name), kind | None):
-                raise SceneError(name, value=part, allowed=f"a {kind.__name__} or None")
+        for name, kinds in _PARTS.items():
+            if not isinstance(part := getattr(self, name), (*kinds, type(None))):
+                words = " or ".join(f"a {kind.__name__}" for kind in kinds)
+                raise SceneError(name, value=part, allowed=f"{words} or None")
         for side in ("wall_left", "wall_right"):
             if (wall := getattr(self, side)) is None:
                 continue
@@ -215,42 +195,28 @@ class Scene:
         if self.damping is not None:
             damping = checked_damping(self.damping, self._joined("exponent"), adhesion=self.adhesion is not None)
             object.__setattr__(self, "damping", damping)
-        object.__setattr__(self, "adhesion", self._checked_adhesion())
         self._check_drive()
+        if self.adhesion is not None:
+            others = {"precompression": self.precompression > 0.0, "law": self.law is not None}
+            adhesion = checked_adhesion(self.adhesion, self.contacts, self.velocity, others)
+            object.__setattr__(self, "adhesion", adhesion)
         object.__setattr__(self, "law", self._checked_law())
         object.__setattr__(self, "_static_overlap", self._checked_statics())
         object.__setattr__(self, "_reach", self._checked_reach())
         self.__dict__.pop("contacts", None)  # computed above without static overlaps and laws
         object.__setattr__(self, "content_hash", self._hash())
 
-    def _checked_adhesion(self) -> Adhesion | None:
-        """Return the adhesion with one pull-off force per contact."""
-        if (adhesion := self.adhesion) is None:
-            return None
-        if not isinstance(adhesion.law, str) or adhesion.law not in ADHESION_LAWS:
-            raise SceneError("adhesion.law", value=adhesion.law, allowed=" or ".join(ADHESION_LAWS))
-        key, per, allowed = "adhesion.pull_off", "contact, walls included", "a number >= 0 (N)"
-        pull_off = checked_numbers(key, adhesion.pull_off, allowed, count=self.n_contact, per=per, at_least=0.0)
-        for other in ("precompression", "law"):
-            if getattr(self, other):
-                raise SceneError("adhesion", problem=f"cannot be combined with {other}", allowed=f"no {other}")
-        c, v = self.contacts, np.append(self.velocity, 0.0)
-        for k in np.flatnonzero(pull_off).tolist():
-            if c.exponent[k] != 2.5:
-                problem = f"is in contact {k}, whose exponent n is {float(c.exponent[k])!r}"
-                raise SceneError("adhesion", problem=problem, allowed="n = 2.5")
-            if c.gap[k] == 0.0 and v[c.left[k]] <= v[c.right[k]]:
-                problem = f"is in contact {k}, whose bodies touch at the start without approaching each other"
-                raise SceneError("adhesion", problem=problem, allowed="a gap, an initial overlap, or an approach")
-        return Adhesion(law=adhesion.law, pull_off=pull_off)
-
     def _check_drive(self) -> None:
-        """Raise SceneError unless the drive lasts as long as the scene."""
+        """Raise SceneError unless the drive lasts as long as the scene; give body 0 the start velocity of a piston."""
         # the last value may lie at the end of the run, up to two roundings
         if (drive := self.drive) is not None and drive.end < self.duration * (1.0 - 1e-9):
             problem = f"ends at {drive.end:.9g} s ({drive.words})"
             allowed = f"values up to the duration, {self.duration:.9g} s"
-            raise SceneError("drive.force", problem=problem, allowed=allowed)
+            raise SceneError("drive.velocity" if self.piston else "drive.force", problem=problem, allowed=allowed)
+        if self.piston is not None:
+            walls = (self.wall_left is not None, self.wall_right is not None)
+            check_place(self.n_body, walls, powers=self.law is None)
+            object.__setattr__(self, "velocity", (self.piston.start(self.velocity[0]), *self.velocity[1:]))
 
     def _checked_statics(self) -> tuple[float, ...]:
         """Return the static overlaps of a precompressed chain, m, or an empty tuple."""
@@ -313,14 +279,18 @@ class Scene:
         distinct, where = self._distinct_laws
         if not distinct:
             return ()
-        c, v = self.contacts, np.array(self.velocity)
-        at, energy = 0, 0.5 * float(np.sum(np.array(self.mass) * v**2))
+        c, mass, v = self.contacts, np.array(self.mass), np.array(self.velocity)
+        # as the piston sees it, for which it is a wall whose acceleration is a weight
+        mass, v = (mass, v) if self.piston is None else (mass[1:], v[1:] - v[0])
+        at, energy = 0, 0.5 * float(np.sum(mass * v**2))
         try:
             for k, nth in enumerate(where):
                 at, energy = k, energy + stored(distinct[nth], max(-float(c.gap[k]), 0.0))
             # power of the weight: at most g sqrt(2 M energy); of a drive: at most peak sqrt(2 energy / m)
-            drawn = abs(self.gravity) * self.duration * math.sqrt(0.5 * sum(self.mass))
-            drawn += self.drive.peak * self.duration * math.sqrt(0.5 / self.mass[0]) if self.drive is not None else 0.0
+            gained = abs(self.gravity) * self.duration
+            gained += 0.0 if self.piston is None else self.piston.variation(self.duration)
+            drawn, push = gained * math.sqrt(0.5 * float(np.sum(mass))), self.driving_force
+            drawn += 0.0 if push is None else push.peak * self.duration * math.sqrt(0.5 / self.mass[0])
             energy = (math.sqrt(energy) + drawn) ** 2
             reach = []
             for nth, law in enumerate(distinct):
@@ -365,6 +335,24 @@ class Scene:
         return len(self.stiffness) + (self.wall_left is not None) + (self.wall_right is not None)
 
     @property
+    def piston(self) -> Piston | None:
+        """The prescribed motion of body 0; None where forces move it."""
+        return self.drive if isinstance(self.drive, Piston) else None
+
+    @property
+    def driving_force(self) -> Drive | None:
+        """The time-dependent force on body 0; None without one."""
+        return self.drive if isinstance(self.drive, Drive) else None
+
+    @cached_property
+    def mobility(self) -> Floats:
+        """Acceleration of each body by a unit force, 1/kg, ``(n_body + 1,)``; 0 for a piston and, last, for walls."""
+        mobility = np.append(1.0 / np.array(self.mass), 0.0)
+        if self.piston is not None:
+            mobility[0] = 0.0
+        return mobility
+
+    @property
     def load(self) -> Floats:
         """Constant outer force on each body in addition to its weight, N, ``(n_body,)``; it presses free ends."""
         load = np.zeros(self.n_body)
@@ -381,12 +369,16 @@ class Scene:
     @property
     def summed_outer_force(self) -> float:
         """Sum over all bodies of the largest magnitudes of weight, load and drive, N."""
-        return float(np.sum(np.abs(self.steady_force))) + (0.0 if self.drive is None else self.drive.peak)
+        push = self.driving_force
+        return float(np.sum(np.abs(self.steady_force))) + (0.0 if push is None else push.peak)
 
     @property
     def free_acceleration(self) -> Floats:
-        """Acceleration of each body without contacts, drag and drive, m/s^2, ``(n_body,)``: gravity and load."""
-        return np.asarray(self.gravity + self.load / np.array(self.mass))
+        """Acceleration of each body without contacts, drag and drive, m/s^2, ``(n_body,)``: gravity and load.
+
+        It is 0 for a piston, whose motion no force changes.
+        """
+        return np.asarray((self.gravity + self.load / np.array(self.mass)) * (self.mobility[:-1] > 0.0))
 
     @property
     def damped(self) -> bool:
@@ -478,9 +470,12 @@ class Scene:
             parts.append(("adhesion", self.adhesion.law, self.adhesion.pull_off))
         if self.drag > 0.0:
             parts.append(("drag", self.drag))
-        if self.drive is not None:
-            values = (getattr(self.drive, key) for key in KEYS[self.drive.shape])
-            parts.append(("drive", self.drive.shape, self.drive.force, *values))
+        if (push := self.driving_force) is not None:
+            values = (getattr(push, key) for key in KEYS[push.shape])
+            parts.append(("drive", push.shape, push.force, *values))
+        if (piston := self.piston) is not None:
+            values = (getattr(piston, key) for key in PISTON_KEYS[piston.shape])
+            parts.append(("piston", piston.shape, piston.velocity, *values))
         if self._reach:
             parts.append(("law", self.contacts.law.tolist(), *self._law_values()))
         return hashlib.sha256(repr(parts).encode()).hexdigest()

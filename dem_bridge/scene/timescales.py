@@ -65,9 +65,9 @@ def samples_of(scene: Scene, dt: float, steps: int = 1) -> int:
 def contact_time_of(scene: Scene) -> float | None:
     """Return the duration of the shortest two-body collision among the scene's contacts, s.
 
-    As is usual in DEM codes, each contact is taken alone with its two bodies (a wall has infinite mass), which collide
-    at the largest start velocity of the scene. The result is None if nothing moves or there are no contacts. A contact
-    with a law of its own is represented by its ``stiffness`` and ``exponent``.
+    As is usual in DEM codes, each contact is taken alone with its two bodies (a wall or a piston has infinite mass),
+    which collide at the largest velocity that the scene gives. The result is None if nothing moves or there are no
+    contacts. A contact with a law of its own is represented by its ``stiffness`` and ``exponent``.
 
     Examples
     --------
@@ -75,10 +75,10 @@ def contact_time_of(scene: Scene) -> float | None:
     >>> f"{1e6 * contact_time_of(db.load_scene('decelerating-40')):.2f} us"
     '18.33 us'
     """
-    speed = max(abs(v) for v in scene.velocity)
+    speed = max(*map(abs, scene.velocity), 0.0 if scene.piston is None else scene.piston.peak)
     if speed == 0.0 or scene.n_contact == 0:
         return None
-    c, mass = scene.contacts, np.append(scene.mass, np.inf)
+    c, mass = scene.contacts, np.array([1.0 / mobility if mobility else math.inf for mobility in scene.mobility])
     pairs = zip(np.minimum(mass[c.left], mass[c.right]), np.maximum(mass[c.left], mass[c.right]), strict=True)
     return min(
         two_body_collision(masses=masses, velocities=(speed, 0.0), stiffness=beta, exponent=n).contact_time

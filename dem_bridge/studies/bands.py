@@ -117,13 +117,13 @@ def study_bands(
     """
     if not 0.0 < tolerance < 1.0:
         raise UsageError(f"tolerance = {tolerance!r}; allowed: above 0 and below 1")
-    if scene.drive is None:
+    if scene.driving_force is None:
         raise UnsupportedScene(
-            f"{scene.name} is not driven: in a gap nothing moves by itself; allowed: a [chain.drive] that goes"
+            f"{scene.name} is driven by no force: in a gap nothing moves by itself; allowed: a [chain.drive] that goes"
             " over all edges"
         )
     cell = unit_cell(scene)[1]
-    _check_range(scene, scene.drive, cell)
+    _check_range(scene, scene.driving_force, cell)
     engine = engine or Engine.chosen()
 
     def measured() -> Study:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dem_bridge.scene import features
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.features import Feature
+from dem_bridge.scene.piston import Piston
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.scene.support import Support
 
@@ -74,6 +75,13 @@ def _first_pull_off(scene: Scene) -> tuple[float, ...]:
     return (100.0 if _first_exponent(scene) == 2.5 else 0.0, *[0.0] * scene.n_contact)[: scene.n_contact]
 
 
+def _moved(scene: Scene, **piston: Any) -> dict[str, Any]:
+    """Return the changes that put a piston in the place of body 0; it moves nothing in a scene of one body."""
+    if scene.n_body == 1:
+        return {}
+    return {"drive": Piston(**piston), "velocity": (0.0,) * scene.n_body}
+
+
 _SINE = Drive(shape="sine", force=200.0, frequency=1e4, phase=30.0, rise=2e-5)
 _CHIRP = replace(_SINE, shape="chirp", last_frequency=2e4, sweep=1e-4)
 _TABLE = Drive(shape="table", force=(0.0, 200.0, -100.0, 50.0), interval=0.5e-4)
@@ -104,6 +112,11 @@ EXAMPLES: Mapping[Feature, Callable[[Scene], Mapping[str, Any]]] = MappingProxyT
         features.SINE_DRIVE: lambda scene: {"drive": _SINE},
         features.CHIRP_DRIVE: lambda scene: {"drive": _CHIRP},
         features.TABLE_DRIVE: lambda scene: {"drive": _TABLE},
+        features.CONSTANT_PISTON: lambda scene: _moved(scene, shape="constant", velocity=0.5),
+        features.SINE_PISTON: lambda scene: _moved(scene, shape="sine", velocity=0.8, frequency=1e4, phase=30.0),
+        features.TABLE_PISTON: lambda scene: _moved(
+            scene, shape="table", velocity=(0.5, 1.0, -0.5, 0.2), interval=0.5e-4
+        ),
     }
 )
 #: features that an example has in addition to its own

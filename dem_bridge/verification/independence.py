@@ -41,7 +41,7 @@ CONCEPTS: Mapping[str, tuple[str, ...]] = MappingProxyType({
     "binary collisions": ("backends.bca",),
     "integrator of fixed steps": ("backends.splitting", "backends.fused"),
     "twin": ("backends.twin",),
-    "drive": ("backends.driven", "scene.drive"),
+    "drive": ("backends.driven", "scene.drive", "scene.piston"),
     "curves of force for kernels": ("backends.curves",),
     "coarse run beforehand": ("backends.prescan", "backends.scene_prescan"),
     "radius of the particles": ("backends.surrogate_radius",),

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dem_bridge.observables.verdict import Verdict
-from dem_bridge.report.page import fill
+from dem_bridge.report.junit import junit_xml
 from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.verification import Verification
 
@@ -164,29 +164,16 @@ def _file(name: str, content: str | bytes) -> dict[str, Any]:
     }
 
 
-#: JUnit element of each outcome and change; those without an element pass
-_ELEMENTS = {
-    **dict.fromkeys(("FAIL", "UNDECIDED", "CHANGED", "GONE"), "failure"),
-    **dict.fromkeys(("NOT_RUN", "MODEL_DIFFERENCE", "NEW"), "skipped"),
-    "BROKEN": "error",
-}
-
-
 def junit(verdicts: Sequence[Verdict]) -> str:
     """Return JUnit XML with a test case per verdict."""
-    return _xml((v.scene, f"{v.quantity}: {v.backend} against {v.reference}", v.outcome, v.sentence) for v in verdicts)
+    return junit_xml(
+        (v.scene, f"{v.quantity}: {v.backend} against {v.reference}", v.outcome, v.sentence) for v in verdicts
+    )
 
 
 def regression_junit(comparisons: Sequence[Comparison]) -> str:
     """Return JUnit XML with a test case per comparison with a baseline."""
-    return _xml(
+    return junit_xml(
         (c.scene, f"{c.backend}: same as its baseline", c.change, "; ".join([c.sentence, *c.notes]))
         for c in comparisons
     )
-
-
-def _xml(cases: Iterable[tuple[str, str, str, str]]) -> str:
-    """Return the JUnit XML of test cases: class, name, outcome and sentence of each."""
-    names = ("group", "name", "outcome", "sentence")
-    filled = [{**dict(zip(names, case, strict=True)), "element": _ELEMENTS.get(case[2])} for case in cases]
-    return fill("junit.xml.j2", __package__, cases=filled)

@@ -216,7 +216,8 @@ def _commands(study: SceneStudy, run: Trajectory) -> list[str]:
         "fix nve": True,
         "fix gravity": scene.gravity != 0.0,
         "fix addforce": scene.load.any(),
-        "fix addforce by a variable": scene.drive is not None,
+        "fix addforce by a variable": scene.driving_force is not None,
+        "fix move": scene.piston is not None,
         "fix langevin at zero temperature": scene.drag > 0.0,
     }
     return [command for command, used in parts.items() if used]

@@ -89,7 +89,7 @@ def _with_twin(bench: Bench, monkeypatch: pytest.MonkeyPatch, changes: Changes) 
     for old, new in changes:
         assert old in text, f"the twin's source has changed: {old!r} is not in it"
         text = text.replace(old, new)
-    names: dict[str, Any] = {"np": np, "driving_force": driven.driving_force}
+    names: dict[str, Any] = {"np": np, "driving_force": driven.driving_force, "piston_motion": driven.piston_motion}
     exec(text.split("\n", 1)[1], names)  # without the decorator
     results = bench.sound_runs
     monkeypatch.setattr(splitting, "integrate", names["integrate"])

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.piston import Piston
 from dem_bridge.scene.scene import Scene, Wall
 
 SINE = Drive(shape="sine", force=2.0, frequency=4000.0, phase=30.0, rise=2e-4)
@@ -57,3 +58,26 @@ def oscillator(frequency: float, *, amplitude: float = 1.0, cycles: float = 6.0)
         samples=200,
     )
     return scene, resonance
+
+
+#: velocities of a piston, in m/s; "wiggle" is the sine that LAMMPS has a style for
+PISTONS = {
+    "constant": Piston(shape="constant", velocity=0.3),
+    "sine": Piston(shape="sine", velocity=0.3, frequency=6e3, phase=30.0),
+    "wiggle": Piston(shape="sine", velocity=0.3, frequency=6e3, phase=-90.0),
+    "table": Piston(shape="table", velocity=(0.1, 0.4, -0.2, 0.3, 0.3), interval=5e-5),
+}
+
+
+def pushed(kind: str, **changes: Any) -> Scene:
+    """Return a piston and five bodies that touch; no other body moves at the start."""
+    scene = Scene(
+        name=f"pushed-{kind}",
+        duration=1.8e-4,
+        mass=(5e-3, 1e-2, 8e-3, 2e-2, 1e-2, 6e-3),
+        stiffness=(4e9, 5e9, 3e9, 6e9, 4e9),
+        velocity=(0.0,) * 6,
+        drive=PISTONS[kind],
+        samples=90,
+    )
+    return replace(scene, **{"velocity": scene.velocity[:1] + (0.0,) * 5, **changes})

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import dem_bridge as db
 from dem_bridge.backends.base import Resolution, Sampling, backend
 from dem_bridge.backends.lammps import LammpsGranular, Written
-from dem_bridge.lmp.deck import Deck, drive_file
+from dem_bridge.lmp.deck import Deck, vector_lines
 from dem_bridge.lmp.variants import flat_walls, newton_off, with_restart
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Scene, Wall
@@ -90,7 +90,7 @@ def test_all_outer_forces_are_summed_each_at_its_largest() -> None:
 
 def test_the_file_of_a_table_has_short_lines_and_every_digit() -> None:
     values = tuple(float(f"1.{i:03d}4567890123e-3") for i in range(101))
-    lines = list(drive_file(Drive(shape="table", force=values, interval=1.0)))
+    lines = list(vector_lines("drive_force", (*values, values[-1])))
     assert max(map(len, lines)) < 120
     text = "".join(line.removesuffix("&") for line in lines)
     found = [float(word) for word in text.removeprefix("variable drive_force vector [").removesuffix("]").split(",")]

@@ -15,7 +15,7 @@ from scipy.integrate import quad
 
 import dem_bridge as db
 from dem_bridge.physics import solitary
-from dem_bridge.physics.solitary import SolitaryWave, solitary_wave, wave_shape
+from dem_bridge.physics.solitary import SolitaryWave, long_wave, solitary_wave, wave_shape
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 from tests.helpers.strategies import examples, log_uniform
@@ -285,3 +285,19 @@ def test_importing_the_formulas_loads_no_scipy() -> None:
     """Matrices and series need numpy, which every scene loads anyway; scipy costs ten times as long."""
     code = "import sys; import dem_bridge.physics.exact; sys.exit('scipy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_long_wave_theory_comes_to_the_chain_as_the_wave_becomes_long() -> None:
+    # its errors are of the square of a grain over the width, n - 2: a tenth of n - 2 has a tenth of the error or less
+    def errors(n: float) -> np.ndarray:
+        theory, wave = long_wave(n), _unit(n)
+        by_force = wave.speed / wave.peak_force ** (0.5 * (n - 2.0) / (n - 1.0))
+        pairs = (theory.speed_by_velocity, wave.speed), (theory.speed_by_force, by_force), (theory.width, wave.width)
+        return np.abs([approximate / exact - 1.0 for approximate, exact in pairs])
+
+    assert np.all(errors(2.01) < 0.15 * errors(2.1))
+    assert errors(2.001).max() < 2e-4
+    with pytest.raises(
+        ValueError, match=r"^exponent = 2\.0; allowed: a finite number > 2; at n = 2 the chain is linear"
+    ):
+        long_wave(2.0)

@@ -222,6 +222,46 @@ def test_a_fault_in_the_page_is_seen(fault: str) -> None:
     assert _differences(page.replace(right, wrong), _random_inputs(6)) != []
 
 
+#: the parts of a document that the page uses, with the values of its form
+_DOCUMENT = """
+const tables = {}, message = { textContent: "-" };
+const cell = () => ({ cells: [], appendChild(child) { this.cells.push(child); return child; } });
+globalThis.FormData = function () { return Object.entries(FORM); };
+globalThis.document = {
+  createElement: cell,
+  getElementById: (id) => id === "contact-message" ? message : { addEventListener() {} },
+  querySelector: (id) => ({
+    replaceChildren(...rows) { tables[id] = rows.map((row) => row.cells.map((c) => `${c.textContent}`)); },
+  }),
+};
+"""
+
+
+def _shown(**form: str) -> tuple[dict[str, list[list[str]]], str]:
+    """Return the cells of the tables and the message that the page shows for the texts of its form."""
+    assert NODE is not None
+    page = PAGE.read_text(encoding="utf-8")
+    [script] = re.findall(r"<script>\n(.*?)</script>", page, re.DOTALL)
+    given = dict(re.findall(r'<input name="(\w+)" value="(.*?)">', page)) | {"partner": "sphere"} | form
+    code = f"const FORM = {json.dumps(given)};{_DOCUMENT}{script}"
+    words = [NODE, "-e", f"{code}\nconsole.log(JSON.stringify([tables, message.textContent]));"]
+    tables, message = json.loads(subprocess.run(words, capture_output=True, text=True, check=True, timeout=300).stdout)
+    return tables, message
+
+
+@pytest.mark.skipif(NODE is None, reason="no node, which runs the script of the page")
+def test_the_page_shows_its_numbers_and_refuses_wrong_ones() -> None:
+    tables, message = _shown()
+    assert message == ""
+    numbers = db.contact_numbers(**GLASS, restitution=0.5)
+    assert tables["#contact-numbers tbody"][2] == ["largest force, elastic", f"{numbers.peak_force:.10g} N"]
+    assert [len(row) for row in tables["#contact-steps tbody"]] == [7, 7, 7]
+    assert float(tables["#contact-steps tbody"][1][1]) == pytest.approx(numbers.steps[1].restitution, rel=1e-3)
+    assert ["LAMMPS tsuji, until July 2026", "no", "0.366651", "0.616076"] in tables["#contact-written tbody"]
+    assert _shown(restitution="2")[1] == "e = 2; allowed: a number from 0.05 to 1"
+    assert _shown(radius="")[1] == "R = NaN; allowed: a number above 0"
+
+
 def test_the_page_needs_no_network() -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert not re.search(r"\b(?:fetch|XMLHttpRequest|import)\b|https?://|\bsrc=", page)

@@ -10,6 +10,7 @@ import pytest
 
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.features import FEATURES, FIELDS
+from dem_bridge.scene.piston import Piston
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 
 PLAIN = Scene(
@@ -19,7 +20,7 @@ SINE = Drive(shape="sine", force=2.0, frequency=5e3)
 
 
 def test_every_field_has_an_entry_and_every_entry_a_field() -> None:
-    owners = {kind.__name__: kind for kind in (Scene, Wall, Damping, Adhesion, Drive)}
+    owners = {kind.__name__: kind for kind in (Scene, Wall, Damping, Adhesion, Drive, Piston)}
     assert {f"{name}.{field.name}" for name, kind in owners.items() for field in fields(kind)} == set(FIELDS)
 
 

@@ -176,7 +176,7 @@ def test_the_hash_sees_every_number_of_a_drive_and_what_is_not_its_own_leaves_no
 
 
 WRONG_DRIVES = {
-    "no Drive": (2.0, "drive = 2.0; allowed: a Drive or None"),
+    "no Drive": (2.0, "drive = 2.0; allowed: a Drive or a Piston or None"),
     "a table that ends early": (
         Drive(shape="table", force=(0.0, 1.0), interval=9e-4),
         "drive.force ends at 0.0009 s (table of 2 forces at intervals of 0.0009 s, at most 1 N); allowed: values up to"

@@ -197,8 +197,11 @@ def _from_net(net: Floats, time: Floats, scene: Scene, with_walls: bool) -> Floa
     if scene.drag > 0.0 or not KNOWN_FORCES.covers(scene) or (left and right and not with_walls):
         return None
     outer = np.tile(scene.steady_force, (len(time), 1))
-    if scene.drive is not None:
-        outer[:, 0] += scene.drive.at(time)
+    if scene.piston is not None:
+        # nothing is known of the forces on body 0: the sum starts at the other end
+        return None if right else np.cumsum((net - outer)[:, :0:-1], axis=1)[:, ::-1]
+    if scene.driving_force is not None:
+        outer[:, 0] += scene.driving_force.at(time)
     if with_walls:
         outer = np.pad(outer, ((0, 0), (int(left), int(right))))
     # force of the contact on each atom's right side; the sum starts at an end without a contact

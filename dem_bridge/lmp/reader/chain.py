@@ -65,6 +65,13 @@ class Line:
     planes: tuple[Plane | None, Plane | None]
     """Plane walls at both ends."""
     description: str
+    piston: Command | None
+    """The ``fix move`` of the first body; None if forces move it."""
+
+    @property
+    def driven(self) -> tuple[Particle, ...]:
+        """The bodies that forces move."""
+        return self.bodies if self.piston is None else self.bodies[1:]
 
     @property
     def left(self) -> bool:
@@ -138,12 +145,23 @@ def line_of(script: ReadScript, reverse: bool | None) -> Line:
     for atom, held in zip(atoms[1:-1], fixed[1:-1], strict=True):
         command.fail_if(held, f"runs with atom {atom.number} frozen inside of the chain", "frozen atoms at its ends")
     ends = [atom.velocity[axis] for atom, held in zip(atoms, fixed, strict=True) if not held]
+    moved = [atom.number for atom in atoms if atom.number in forces.moved]
     if reverse is None:
-        reverse = ends[0] == 0.0 != ends[-1]
+        reverse = moved == [atoms[-1].number] if moved else ends[0] == 0.0 != ends[-1]
     if reverse:
         for values in (atoms, fixed, ends):
             values.reverse()
-    first = "which moves" if ends[0] else f"the end of {'highest' if reverse else 'lowest'} coordinate"
+    piston = forces.moved.get(atoms[0].number)
+    if moved and (piston is None or len(moved) > 1):
+        problem = f"runs with the atoms {', '.join(map(str, moved))} of fix move"
+        raise command.error(problem, "one of them, the first of the chain, which has no wall behind it")
+    first = (
+        "which fix move moves"
+        if piston
+        else "which moves"
+        if ends[0]
+        else f"the end of {'highest' if reverse else 'lowest'} coordinate"
+    )
     sign = -1.0 if reverse else 1.0
     planes = [_plane(atoms, forces, axis, sign * end) for end in (-1.0, 1.0)]
     where = f"body 0 is atom {atoms[fixed[0]].number} ({first}), positive is {'-' if reverse else '+'}{_AXES[axis]}"
@@ -156,6 +174,7 @@ def line_of(script: ReadScript, reverse: bool | None) -> Line:
         frozen=(fixed[0], fixed[-1]),
         planes=(None if fixed[0] else planes[0], None if fixed[-1] else planes[1]),
         description=f"the chain lies along {_AXES[axis]}; {where}",
+        piston=piston,
     )
     _check_places(command, line)
     _check_spins(line)
@@ -205,6 +224,8 @@ def axis_of(command: Command, atoms: list[Particle], forces: Forces) -> int:
 
 def _at_rest(command: Command, atom: Particle, forces: Forces, axis: int) -> bool:
     """Return True if an atom is part of a wall."""
+    if atom.number in forces.moved:
+        return False
     held = axis in forces.held.get(atom.number, ())
     acting = [vectors.get(atom.number, _NONE) for vectors in (forces.gravity, forces.load)]
     if atom.number in forces.moves and not held:

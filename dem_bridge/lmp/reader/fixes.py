@@ -24,7 +24,7 @@ SILENT_FIXES = frozenset(
         *("property/atom", "store/force", "store/state", "vector"),
     }
 )
-_FIXES = ("nve", "nve/sphere", "gravity", "addforce", "langevin", "viscous", "freeze", "setforce")
+_FIXES = ("nve", "nve/sphere", "gravity", "addforce", "langevin", "viscous", "freeze", "setforce", "move")
 _WALLS = ("wall/gran", "wall/gran/region")
 _PLANES = ("xplane", "yplane", "zplane")
 _WALL_STYLES = (*_PLANES, "zcylinder", "region")
@@ -59,6 +59,8 @@ class Forces:
 
     moves: set[int] = field(default_factory=set)
     """Atoms that a fix integrates."""
+    moved: dict[int, Command] = field(default_factory=dict, compare=False)
+    """Atoms of ``fix move``, whose motion is prescribed, and their commands."""
     frozen: set[int] = field(default_factory=set)
     """Atoms of ``fix freeze``, which also removes their mass from m_eff."""
     held: dict[int, set[int]] = field(default_factory=dict)
@@ -123,12 +125,16 @@ class Fixes:
             acting[style](command, members, forces)
         elif style in _WALLS:
             forces.planes += self._planes(command, frozenset(members))
+        elif style == "move":
+            twice = bool((forces.moves | {*forces.moved}) & members)
+            command.fail_if(twice, "moves atoms that another fix moves", "one fix nve or fix move for each atom")
+            forces.moved.update(dict.fromkeys(members, command))
         elif command.rest[3:] not in ((), ("disc",)):
             raise command.error("has settings that are not supported", f"fix ID GROUP {style}")
         elif style == "freeze":
             forces.frozen |= members
             self._hold(members, (0, 1, 2), forces)
-        elif forces.moves & members:
+        elif (forces.moves | {*forces.moved}) & members:
             problem = "integrates atoms that another fix integrates"
             raise command.error(problem, "one fix nve or nve/sphere for each atom")
         else:

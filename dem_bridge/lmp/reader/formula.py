@@ -1,4 +1,4 @@
-"""Evaluation of the formulas of a LAMMPS input script whose values are constant, by the rules of command *variable*."""
+"""Evaluation of the formulas of a LAMMPS input script whose values are known, by the rules of command *variable*."""
 
 from __future__ import annotations
 
@@ -39,11 +39,27 @@ _FUNCTIONS: Mapping[str, Callable[..., float]] = {
     "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos, "atan": math.atan, "atan2": math.atan2,
     "floor": math.floor, "ceil": math.ceil, "round": _round, "ternary": _ternary,
 }  # fmt: skip
-ALLOWED = f"numbers, + - * / % ^ ( ), comparisons, && and ||, PI, v_NAME and {', '.join(_FUNCTIONS)}"
+ALLOWED = f"numbers, + - * / % ^ ( ), comparisons, && and ||, PI, v_NAME, v_VECTOR[I] and {', '.join(_FUNCTIONS)}"
 
 
-def evaluated(formula: str, name: Callable[[str], float]) -> float:
-    """Return the value of a formula; ``name`` returns the value of a word that is not a number, and raises KeyError.
+def _no_element(word: str, index: float) -> float:
+    """Raise KeyError, because there are no vectors."""
+    raise KeyError(word, index)
+
+
+def evaluated(
+    formula: str, name: Callable[[str], float], element: Callable[[str, float], float] = _no_element
+) -> float:
+    """Return the value of a formula of words, whose values two functions return, or raise KeyError.
+
+    Parameters
+    ----------
+    formula : str
+        The formula.
+    name : callable
+        Return the value of a word that is not a number.
+    element : callable
+        Return the element of a vector, named by a word, with an index; without it there are no vectors.
 
     Raises
     ------
@@ -66,6 +82,8 @@ def evaluated(formula: str, name: Callable[[str], float]) -> float:
         if isinstance(node, ast.BoolOp):
             values = [value_of(part) != 0.0 for part in node.values]
             return float(all(values) if isinstance(node.op, ast.And) else any(values))
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
+            return element(node.value.id, value_of(node.slice))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             return float(_FUNCTIONS[node.func.id](*map(value_of, node.args)))
         raise ValueError
@@ -83,3 +101,20 @@ def evaluated(formula: str, name: Callable[[str], float]) -> float:
 def _power(node: ast.AST) -> bool:
     """Return True for a power."""
     return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow)
+
+
+def plain(value: float, within: float) -> float:
+    """Return the shortest decimal that differs from ``value`` by at most ``within``.
+
+    Examples
+    --------
+    >>> plain(0.30000000000000004, 1e-15), plain(1e-19, 1e-16), plain(0.1234, 0.0)
+    (0.3, 0.0, 0.1234)
+    """
+    if abs(value) <= within:
+        return 0.0
+    for digits in range(16):
+        short = float(f"{value:.{digits}e}")
+        if abs(short - value) <= within:
+            return short
+    return value

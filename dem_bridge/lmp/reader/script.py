@@ -100,6 +100,8 @@ class Script:
     """Names that refused commands define, and commands that depend on them."""
     silent: frozenset[str] = frozenset()
     """Commands without effect on the motion, whose variables need not be known."""
+    _vectors: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    """Elements of the vectors that have been used."""
     _work: int = 0
     _depth: int = 0
     _skip_jump: bool = False
@@ -258,6 +260,17 @@ class Script:
             "styles index, loop, string, format and equal",
         )
 
+    def vector(self, command: Command, name: str) -> tuple[float, ...]:
+        """Return the elements of a variable of style vector that lists numbers."""
+        style, words = self.variables.get(name, ("", ()))
+        if name not in self._vectors:
+            text = "".join(words)
+            self.count(command, len(text) // 5)
+            listed = style == "vector" and text[:1] == "[" and text[-1:] == "]"
+            command.fail_if(not listed, f"uses {name}, which is no list of numbers", "variable NAME vector [x,y,...]")
+            self._vectors[name] = tuple(self.number(command, word) for word in text[1:-1].split(","))
+        return self._vectors[name]
+
     def evaluated(self, command: Command, text: str, depth: int = 0) -> float:
         """Return the value of a formula of constants."""
         self.count(command, len(text) // 5)
@@ -267,8 +280,11 @@ class Script:
                 return self.number(command, self.value(command, word[2:], depth + 1))  # also truncated to 15 digits
             return self.keywords[word]
 
+        def element(word: str, index: float) -> float:
+            return self.vector(command, word.removeprefix("v_"))[int(index) - 1]  # LAMMPS counts from 1
+
         try:
-            return formula.evaluated(text, name)
+            return formula.evaluated(text, name, element)
         except SceneError:
             raise
         except ValueError:
@@ -309,6 +325,7 @@ class Script:
         """Execute a ``variable`` command."""
         command.fail_if(len(command.rest) < 2, "is incomplete", "variable NAME STYLE VALUE")
         name, style, *words = command.rest
+        self._vectors.pop(name, None)
         if style == "delete":
             self.variables.pop(name, None)
         elif not (style in (*_LISTS, *_LOOPS) and name in self.variables):  # the first definition counts, as with -var

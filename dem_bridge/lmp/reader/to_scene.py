@@ -22,6 +22,8 @@ from dem_bridge.lmp.reader import pair_laws
 from dem_bridge.lmp.reader.chain import Line, axis_of, line_of
 from dem_bridge.lmp.reader.evaluation import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.fixes import Forces
+from dem_bridge.lmp.reader.formula import plain
+from dem_bridge.lmp.reader.moved import piston_of
 from dem_bridge.lmp.reader.script import Opened
 from dem_bridge.scene.scene import BY_RESTITUTION, Adhesion, Damping, Scene, Wall
 
@@ -56,23 +58,6 @@ class ReadDeck:
     """Distinct time steps of the script's runs, s."""
     mixed: tuple[str, ...] = ()
     """``pair_coeff`` commands of the pairs of types that the script leaves to mixing and that may touch."""
-
-
-def plain(value: float, within: float) -> float:
-    """Return the shortest decimal that differs from ``value`` by at most ``within``.
-
-    Examples
-    --------
-    >>> plain(0.30000000000000004, 1e-15), plain(1e-19, 1e-16), plain(0.1234, 0.0)
-    (0.3, 0.0, 0.1234)
-    """
-    if abs(value) <= within:
-        return 0.0
-    for digits in range(16):
-        short = float(f"{value:.{digits}e}")
-        if abs(short - value) <= within:
-            return short
-    return value
 
 
 def read_deck(
@@ -242,7 +227,14 @@ def _scene(line: Line, settings: dict[str, Any], units: tuple[float, float, floa
         "adhesion": _adhesion(line, order, force),
         **{side: Wall(stiffness=stiffness[k], gap=gaps[k], exponent=exponent[k]) for side, k in ends.items()},
     }
+    if line.piston is not None:
+        parts["velocity"][0] = 0.0
+        parts["drive"], note = piston_of(line.script, line.piston, line.axis, line.sign)
+        notes += [note] if note else []
     loads = [line.along(line.forces.load, body) * force for body in line.bodies]
+    if line.piston is not None:
+        # no force moves it; a static one is that of the other end
+        loads[0] = 0.0 if line.right else -loads[-1]
     if not any(loads):
         try:
             return Scene(**parts)
@@ -256,12 +248,12 @@ def _common(line: Line, style: str, unit: float) -> float:
     """Return the gravity or drag that acts on all bodies, or raise SceneError if it differs between them."""
     forces = line.forces
     if style == "gravity":
-        values = [line.along(forces.gravity, body) for body in line.bodies]
+        values = [line.along(forces.gravity, body) for body in line.driven]
     else:
-        values = [forces.drag.get(body.number, 0.0) for body in line.bodies]
+        values = [forces.drag.get(body.number, 0.0) for body in line.driven]
     odd = next((k for k, value in enumerate(values) if value != values[0]), None)
     if odd is not None:
-        a, b = line.bodies[0], line.bodies[odd]
+        a, b = line.driven[0], line.driven[odd]
         problem = f"gives atom {a.number} {values[0]:g} and atom {b.number} {values[odd]:g}"
         raise forces.commands[style].error(problem, "the same value for all moving atoms")
     value = values[0] * unit

@@ -310,7 +310,7 @@ def early_touch_part(family: TwinFamily) -> dict[str, Any]:
     The impulse, relative to that of the bodies that meet, is a part of their closing rate: forces change by twice that
     part at most (they go as its power ``2 (n - 1) / n``), and the time of a crossing by that part.
     """
-    c, mobility = family.scene.contacts, np.append(1.0 / np.array(family.scene.mass), 0.0)
+    c, mobility = family.scene.contacts, family.scene.mobility
     velocity, first = np.append(family.scene.velocity, 0.0), max(1.0, *family.others) * family.plan.step
     left, right = mobility[c.left], mobility[c.right]
     rate = velocity[c.left] - velocity[c.right]

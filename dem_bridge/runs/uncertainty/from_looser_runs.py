@@ -81,7 +81,7 @@ def widen_for_closing_rates(uncertainty: Uncertainty, scene: Scene, run: Traject
     c = scene.contacts
     if not np.any(error > 0.0) or scene.law is not None:
         return uncertainty
-    mobility = np.append(1.0 / np.array(scene.mass), 0.0)
+    mobility = scene.mobility
     both, peak = mobility[c.left] + mobility[c.right], run.peak_force
     overlap = (peak / c.stiffness) ** (1.0 / (c.exponent - 1.0))
     tangent = np.divide((c.exponent - 1.0) * peak, overlap, out=np.zeros_like(peak), where=overlap > 0.0)

@@ -123,7 +123,7 @@ def _touches(scene: Scene, moments: Moments, near: NDArray[np.int64], deepest: F
 
     A touch is no deeper than without its force, nor than its energy allows; adhesion pulls it in.
     """
-    c, at, inverse_mass = scene.contacts, moments.contact[near], np.append(1.0 / np.array(scene.mass), 0.0)
+    c, at, inverse_mass = scene.contacts, moments.contact[near], scene.mobility
     mobility = inverse_mass[c.left[at]] + inverse_mass[c.right[at]]
     lighter = np.maximum(inverse_mass[c.left[at]], inverse_mass[c.right[at]])
     bend, pull = moments.bend[near], c.pull_off[at]
@@ -171,7 +171,7 @@ def force_handed_on(scene: Scene, reached: Reached, faster: float, nearer: float
     Contacts that are open all the time are pressed no deeper than the energy of their bodies allows; those that are
     closed at the end have a larger force then.
     """
-    c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    c, inverse_mass = scene.contacts, scene.mobility
     never = (reached.nearest <= 0.0) & (reached.nearest + nearer > 0.0) & (faster > 0.0)
     ending = (reached.last > 0.0) & (faster > 0.0)
     near, end = np.flatnonzero(never), np.flatnonzero(ending)
@@ -223,7 +223,7 @@ def unresolved_contacts(scene: Scene, plan: Schedule, dense: Dense, run: Traject
     They have been closed and part, but no maximum of their compression is seen between samples. With n < 2 a contact
     is the stiffer the smaller its overlap, so that no step is small enough for the first motions ahead of a front.
     """
-    c, inverse_mass = scene.contacts, np.append(1.0 / np.array(scene.mass), 0.0)
+    c, inverse_mass = scene.contacts, scene.mobility
     crossed = np.flatnonzero(np.isfinite(run.crossing_time) & (c.exponent < 2.0))
     rate = dense.velocity[:, c.left] - dense.velocity[:, c.right]
     # bodies that fly in touch drift into each other by a rounding a step

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -17,6 +18,7 @@ from dem_bridge.foundation.numbers import MOST_BODIES, checked_number
 from dem_bridge.physics.adhesion import pull_off_force
 from dem_bridge.scene.damping import DAMPING_LAWS, damping_law
 from dem_bridge.scene.drive import Drive
+from dem_bridge.scene.piston import Piston
 from dem_bridge.scene.scene import Adhesion, Damping
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -97,11 +99,13 @@ class AdhesionTable(RawTable):
 
 
 class DriveTable(RawTable):
-    """Table [chain.drive]."""
+    """Table [chain.drive]: a force on body 0, or its prescribed velocity."""
 
-    shape: Literal["sine", "chirp", "table"]
+    shape: Literal["constant", "sine", "chirp", "table"]
     force: Numbers | None = None
     """Amplitude of the force on body 0, N; a list for the shape "table"."""
+    velocity: Numbers | None = None
+    """Velocity of body 0 in place of ``force``, m/s: constant, the amplitude of a sine, or a list for a table."""
     file: str | None = None
     """CSV file in place of ``force`` and ``interval``; :mod:`.measured_force` reads it before the checks."""
     frequency: AboveZero | None = None
@@ -117,14 +121,26 @@ class DriveTable(RawTable):
     interval: AboveZero | None = None
     """Time between two values of a table, s."""
 
-    def drive(self, duration: float) -> Drive:
-        """Return the Drive; a chirp without ``sweep`` sweeps for the ``duration`` (s) of its scene."""
+    def drive(self, duration: float) -> Drive | Piston:
+        """Return the Drive or Piston; a chirp without ``sweep`` sweeps for the ``duration`` (s) of its scene."""
+        if self.velocity is not None:
+            return self._piston(self.velocity)
         if self.force is None:
-            raise SceneError("drive.force", problem="is missing", allowed="a number (N); for a table a list, or a file")
-        values = self.model_dump(exclude={"file"})
+            allowed = "a number (N); for a table a list, or a file; or velocity (m/s) for a piston"
+            raise SceneError("drive.force", problem="is missing", allowed=allowed)
+        values = self.model_dump(exclude={"file", "velocity"})
         if self.shape == "chirp" and self.sweep is None:
             values["sweep"] = duration
         return Drive(**values)
+
+    def _piston(self, velocity: Numbers) -> Piston:
+        """Return the Piston of this velocity."""
+        own = {field.name for field in fields(Piston)}
+        for key, value in self.model_dump(exclude=own, exclude_defaults=True).items():
+            allowed = ", ".join(sorted(own))
+            raise SceneError(f"drive.{key}", value=value, allowed=f"no such key with velocity, only {allowed}")
+        values = tuple(velocity) if isinstance(velocity, list) else velocity
+        return Piston(**self.model_dump(include=own) | {"velocity": values})
 
 
 class Precompression(RawTable):

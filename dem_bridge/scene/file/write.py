@@ -8,8 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from dem_bridge.errors import UnsupportedScene
-from dem_bridge.scene.drive import KEYS
+from dem_bridge.scene.drive import KEYS, Drive
 from dem_bridge.scene.file.forms import Environment
+from dem_bridge.scene.piston import PISTON_KEYS
 from dem_bridge.scene.scene import Scene
 
 #: numbers per line of a list
@@ -72,8 +73,10 @@ def _lines(scene: Scene) -> Iterator[str]:
         yield "[chain.damping]"
         yield from _values({"law": damping.law, "coefficient": damping.coefficient, **clip})
     yield from _section("chain.adhesion", scene.adhesion, ("law", "pull_off"), {"pull_off": "N"})
-    if drive is not None:
+    if isinstance(drive, Drive):
         yield from _section("chain.drive", drive, ("shape", "force", *KEYS[drive.shape]), {"force": "N"})
+    elif drive is not None:
+        yield from _section("chain.drive", drive, ("shape", "velocity", *PISTON_KEYS[drive.shape]), {"velocity": "m/s"})
     units = Environment.units()
     yield from _section("environment", scene, tuple(units), units)
     yield "[sampling]"

@@ -130,10 +130,13 @@ def test_a_file_without_folder_stands_in_the_current_one(tmp_path: Path, monkeyp
 
 
 WRONG_KEYS = {
-    "an unknown shape": (SINE.replace("sine", "saw"), "chain.drive.shape = 'saw'; allowed: 'sine', 'chirp' or 'table'"),
+    "an unknown shape": (
+        SINE.replace("sine", "saw"),
+        "chain.drive.shape = 'saw'; allowed: 'constant', 'sine', 'chirp' or 'table'",
+    ),
     "an unknown key": (
         SINE + "amplitude = 2.0\n",
-        "chain.drive.amplitude is an unknown key; allowed: shape, force, file",
+        "chain.drive.amplitude is an unknown key; allowed: shape, force, velocity, file",
     ),
     "no shape": (SINE.replace('shape = "sine"\n', ""), "chain.drive.shape is missing"),
     "no force": (SINE.replace("force = 2.0\n", ""), "chain.drive.force is missing; allowed: a number (N)"),

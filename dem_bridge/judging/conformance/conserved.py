@@ -1,0 +1,80 @@
+"""Items on what contacts conserve: momentum, and energy without damping. Neither needs a reference or a contact law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from dem_bridge.judging.conformance import numerics
+from dem_bridge.judging.conformance.explain import Behaviour, Explanation, Failure
+from dem_bridge.judging.conformance.items import Item, failed_item, failure_item, not_run_item, passed_item
+from dem_bridge.observables.verdict import Outcome
+
+#: change of the momentum, relative to the sum of magnitudes, that round-off of a right code makes at most
+LARGEST_ROUNDOFF_OF_MOMENTUM = 1e-9
+#: the same in single precision: 6e-8 for each of 1e4 additions at random, with a margin of 2
+LARGEST_SINGLE_NOISE_OF_MOMENTUM = 1e-5
+#: change of the kinetic energy that is a fault, in addition to what the uncertainty of the limit explains
+LEAST_ENERGY_CHANGE = 1e-5
+#: relative change of the energy for one of the largest velocity: it goes as the square, and two bodies move at most
+#: at once in the collisions that end with open contacts; the margin of 2 is that of the differences from the reference
+ENERGY_OF_VELOCITY = 8.0
+
+
+def conserved_items(
+    used: Sequence[Behaviour], explanations: Mapping[str, Explanation], failures: Sequence[Failure]
+) -> tuple[Item, Item, Item]:
+    """Return the item on momentum with its noise, and the items on momentum and energy of the score card.
+
+    The first one has the number "noise" where the momentum changes as by rounding to single precision.
+    """
+    momentum = _momentum(used, explanations, failures)
+    return momentum, momentum, _energy(used, failures, momentum)
+
+
+def _momentum(used: Sequence[Behaviour], explanations: Mapping[str, Explanation], failures: Sequence[Failure]) -> Item:
+    """Return the item on the conservation of momentum."""
+    having = [behaviour for behaviour in used if "velocity" in behaviour.limits]
+    if not having:
+        return not_run_item("momentum", "the files have no velocities")
+    worst = max(having, key=numerics.momentum_drift)
+    drift, scene = numerics.momentum_drift(worst), worst.probe.scene.name
+    roundoff = LARGEST_ROUNDOFF_OF_MOMENTUM + max(map(numerics.momentum_by_digits, having))
+    words = f"The momentum changes by {drift:.1e} of the sum of magnitudes"
+    if drift <= roundoff:
+        return passed_item("momentum", scene, f"{words}.", {"change": drift})
+    if drift <= LARGEST_SINGLE_NOISE_OF_MOMENTUM:
+        return passed_item("momentum", scene, f"{words}: that is the item digits.", {"change": drift, "noise": drift})
+    scenes = [behaviour.probe.scene.name for behaviour in used]
+    named = [failure for failure in failures if failure.scene in scenes]
+    unexplained = [name for name in scenes if not explanations[name].right and explanations[name].fault is None]
+    if named and (not unexplained or any(not failure.fault.everywhere for failure in named)):
+        sentence = f"{words}; the fault of the item {named[0].item} explains it."
+        return passed_item("momentum", scene, sentence, {"change": drift})
+    sentence = f"{words}: the forces of a contact on its two bodies are not equal and opposite."
+    return failed_item("momentum", scene, sentence, "momentum", {"change": drift})
+
+
+def _energy(used: Sequence[Behaviour], failures: Sequence[Failure], momentum: Item) -> Item:
+    """Return the item on the conservation of energy."""
+    if item := failure_item("energy", failures):
+        return item
+    changes = {
+        behaviour.probe.scene.name: (change, behaviour.uncertainty)
+        for behaviour in used
+        if (change := numerics.energy_change(behaviour)) is not None
+    }
+    if not changes:
+        return not_run_item("energy", "no scene ends with open contacts, or files lack velocities or displacements")
+    scene = max(changes, key=lambda name: abs(changes[name][0]))
+    change, uncertainty = changes[scene]
+    words = f"The kinetic energy changes by {change:+.1e} over a collision without damping"
+    allowed = LEAST_ENERGY_CHANGE + ENERGY_OF_VELOCITY * uncertainty
+    if abs(change) <= allowed:
+        return passed_item("energy", scene, f"{words}.", {"change": change})
+    named = [failure.item for failure in failures if failure.scene in changes]
+    if momentum.outcome is Outcome.FAIL:
+        named = ["momentum"]
+    if named:
+        sentence = f"{words}; the fault of the item {named[0]} explains it."
+        return passed_item("energy", scene, sentence, {"change": change})
+    return failed_item("energy", scene, f"{words}; steps explain {allowed:.1e}.", "energy", {"change": change})

@@ -1,0 +1,100 @@
+"""What the files of a code say without a reference: order, delays, digits, momentum and energy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dem_bridge.judging.conformance.explain import Behaviour
+from dem_bridge.judging.conformance.limit import CLEAN_ORDER
+from dem_bridge.trajectory.trajectory import Floats
+
+#: part of a difference between two steps that a delay may leave: the slope over a sampling interval is not exact
+LARGEST_LEFT_BY_DELAY = 0.4
+#: order below which a method is of first order
+LEAST_ORDER = 1.5
+
+
+@dataclass(frozen=True)
+class Delay:
+    """Values that belong to another time than is written."""
+
+    steps: float
+    """Steps by which the values are late; negative: early."""
+    left: float
+    """Part of the difference between two time steps that the delay leaves."""
+
+
+def delay_of(behaviour: Behaviour, name: str) -> Delay | None:
+    """Return the delay, in time steps, that explains the differences of a quantity between the steps; None without.
+
+    A value of the time t - s dt differs at two steps by s times the difference of the steps times its slope.
+    """
+    limit = behaviour.limits.get(name)
+    if limit is None or not abs(limit.order - 1.0) <= CLEAN_ORDER or len(behaviour.files) < 3:
+        return None
+    before, last = (file.values[name][-len(limit.values) :] for file in behaviour.files[-2:])
+    steps = behaviour.probe.steps
+    slope = np.gradient(limit.values, behaviour.probe.interval, axis=0)
+    # the ends have one-sided slopes, which are less exact
+    slope, change = slope[1:-1].ravel(), (before - last)[1:-1].ravel()
+    size = float(slope @ slope)
+    if size == 0.0:
+        return None
+    late = -float(change @ slope) / size / (steps[-2] - steps[-1])
+    left = float(np.linalg.norm(change + late * (steps[-2] - steps[-1]) * slope) / np.linalg.norm(change))
+    return Delay(late, left) if left <= LARGEST_LEFT_BY_DELAY else None
+
+
+def momentum_drift(behaviour: Behaviour) -> float:
+    """Return the largest change of the momentum in the finest file, relative to the sum of the magnitudes."""
+    velocity, mass = behaviour.files[-1].values["velocity"], np.array(behaviour.probe.scene.mass)
+    momentum = velocity @ mass
+    scale = float(np.max(np.abs(velocity) @ mass))
+    return float(np.max(np.abs(momentum - momentum[0]))) / scale if scale > 0.0 else 0.0
+
+
+def momentum_by_digits(behaviour: Behaviour) -> float:
+    """Return the change of the momentum that the digits of the finest file explain, relative to the same."""
+    mass = np.array(behaviour.probe.scene.mass)
+    velocity = behaviour.files[-1].values["velocity"]
+    scale = float(np.max(np.abs(velocity) @ mass))
+    return 2.0 * behaviour.files[-1].digits["velocity"] * float(mass.sum()) / scale if scale > 0.0 else 0.0
+
+
+def energy_change(behaviour: Behaviour) -> float | None:
+    """Return the relative change of the kinetic energy of the limit from the start to the last sample without contact.
+
+    No law of contact is needed: contacts that are open store nothing. None if contacts are never open.
+    """
+    if not {"velocity", "displacement"} <= behaviour.limits.keys():
+        return None
+    velocity, displacement = (behaviour.limits[name].values for name in ("velocity", "displacement"))
+    mass = np.array(behaviour.probe.scene.mass)
+    rows = np.flatnonzero(np.all(_openings(behaviour, displacement) > 0.0, axis=1))
+    if not len(rows):
+        return None
+    written = behaviour.files[-1].values["velocity"]
+    scene = behaviour.probe.scene
+    first = written[0] if len(written) > scene.samples else np.array(scene.velocity)
+    start = float(mass @ first**2)
+    return float(mass @ velocity[rows[-1]] ** 2) / start - 1.0 if start > 0.0 else None
+
+
+def _openings(behaviour: Behaviour, displacement: Floats) -> Floats:
+    """Return the distance of the bodies in each contact of the chain, m, ``(n_t, n_contact)``."""
+    gaps = behaviour.probe.scene.contacts.gap[: displacement.shape[1] - 1]
+    return np.asarray(np.diff(displacement, axis=1) + gaps)
+
+
+def written_digits(behaviour: Behaviour) -> float:
+    """Return the number of significant digits of the largest values, as they are written; at most those of doubles."""
+    ratios = [
+        behaviour.scale[name] / (2.0 * file.digits[name])
+        for file in behaviour.files
+        for name in behaviour.limits
+        if file.digits[name] > 0.0
+    ]
+    return math.log10(max(min([*ratios, 2.0**53]), 1.0))
