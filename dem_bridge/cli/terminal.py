@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 import textwrap
@@ -184,8 +185,10 @@ def _print_counts(study: Study) -> None:
     from collections import Counter
 
     if counts := Counter(verdict.outcome.value for verdict in study.verdicts):
-        words = ", ".join(f"{count} {_coloured(outcome)}" for outcome, count in counts.items())
-        _console().print(f"verdicts: {words}")
+        in_colours = sys.stdout.isatty() or "FORCE_COLOR" in os.environ
+        words = (f"{count} {_coloured(outcome) if in_colours else outcome}" for outcome, count in counts.items())
+        # the import of rich takes a tenth of a second
+        (_console().print if in_colours else print)(f"verdicts: {', '.join(words)}")
     if study.interrupted:
         say("interrupted: only the results up to the interruption are shown")
 

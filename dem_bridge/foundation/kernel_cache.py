@@ -31,24 +31,18 @@ from numba.core.serialize import dumps
 from numba.np import linalg
 
 from dem_bridge.errors import OF_DAMAGED_DATA
-from dem_bridge.foundation.files import opened
 from dem_bridge.foundation.kernel_content import Unidentified, closure_digest
 from dem_bridge.foundation.kernel_folders import (
     DAMAGED,
-    MOST_BYTES,
     SUFFIX,
-    checked,
-    checksum,
     folder_to_write,
     folders_to_read,
-    is_safe,
+    kept_content,
     say,
+    write_kept,
 )
-from dem_bridge.foundation.leftovers import owned, sweep
 from dem_bridge.version import __version__
 
-#: files that a folder may have: those that were not used for the longest time are removed
-MOST_FILES = 1_000
 _SETTING = (bool, int, float, str, tuple, list, type(None))
 #: settings of numba that change no code: where it keeps files, what it prints, threads, other processors
 _NOT_CODE = re.compile(
@@ -99,11 +93,7 @@ class KernelCache(NullCache):
         name = self._name(sig, target_context.codegen())
         for path in [] if name is None else [folder / name for folder in folders_to_read()]:
             try:
-                with opened(path, MOST_BYTES) as file:
-                    if not is_safe(file.fileno()):
-                        raise ValueError("another user can write to it")
-                    content = checked(path.name, file.read())
-                result = _rebuild(target_context, *pickle.loads(content))
+                result = _rebuild(target_context, *pickle.loads(kept_content(path)))
             except FileNotFoundError:
                 continue
             except OSError as error:
@@ -122,17 +112,9 @@ class KernelCache(NullCache):
         local = data.library.has_dynamic_globals or any(not loop.can_cache for loop in data.lifted)
         if folder is None or name is None or local:
             return
-        content = _dumps(data._reduce())
-        sweep(folder)
-        part = folder / f"{owned('part')}{os.urandom(4).hex()}"
         try:
-            with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), "wb") as file:
-                file.write(checksum(name, content) + content)
-            part.replace(folder / name)
-            _prune(folder)
+            write_kept(folder / name, _dumps(data._reduce()))
         except OSError as error:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
             _say_once(
                 f"the compiled kernel {name} cannot be kept ({error.strerror}); the next session compiles it again"
             )
@@ -191,14 +173,3 @@ def _set_aside(path: Path, reason: str) -> None:
 @cache
 def _say_once(text: str) -> None:
     say(text)
-
-
-def _prune(folder: Path) -> None:
-    """Remove the files beyond the permitted number that were not used for the longest time."""
-    files = []
-    for entry in os.scandir(folder):
-        with suppress(FileNotFoundError):  # another process was here
-            files.append((entry.stat(follow_symlinks=False).st_mtime_ns, entry.path))
-    for _, path in sorted(files)[: max(0, len(files) - MOST_FILES)]:
-        with suppress(OSError):
-            os.unlink(path)

@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 
 from dem_bridge.foundation.files import opened
-from dem_bridge.foundation.leftovers import owned, sweep_temporary
+from dem_bridge.foundation.leftovers import owned, sweep, sweep_temporary
 
 #: names the folder that is tried first, as it does for numba
 VARIABLE = "NUMBA_CACHE_DIR"
@@ -28,6 +28,8 @@ VARIABLE = "NUMBA_CACHE_DIR"
 SUFFIX, DAMAGED = ".nbc", ".damaged"
 #: largest size of a file of a kernel
 MOST_BYTES = 2**28
+#: files that a folder may have: those that were not used for the longest time are removed
+MOST_FILES = 1_000
 ADVICE = f"set {VARIABLE} to a folder that you can write"
 PACKAGE = Path(__file__).parents[1]
 #: bits of a mode that let another user write
@@ -145,6 +147,40 @@ def checked(name: str, whole: bytes) -> bytes:
     if line + b"\n" != checksum(name, content):
         raise ValueError("its checksum does not fit")
     return content
+
+
+def kept_content(path: Path) -> bytes:
+    """Return the content of a file of code; OSError or ValueError unless it is there, safe and undamaged."""
+    with opened(path, MOST_BYTES) as file:
+        if not is_safe(file.fileno()):
+            raise ValueError("another user can write to it")
+        return checked(path.name, file.read())
+
+
+def write_kept(path: Path, content: bytes) -> None:
+    """Write a file of code as a whole, and remove files of its folder beyond the permitted number; OSError if not."""
+    sweep(path.parent)
+    part = path.with_name(f"{owned('part')}{os.urandom(4).hex()}")
+    try:
+        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), "wb") as file:
+            file.write(checksum(path.name, content) + content)
+        part.replace(path)
+        _prune(path.parent)
+    except OSError:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
+
+
+def _prune(folder: Path) -> None:
+    """Remove the files beyond the permitted number that were not used for the longest time."""
+    files = []
+    for entry in os.scandir(folder):
+        with suppress(FileNotFoundError):  # another process was here
+            files.append((entry.stat(follow_symlinks=False).st_mtime_ns, entry.path))
+    for _, path in sorted(files)[: max(0, len(files) - MOST_FILES)]:
+        with suppress(OSError):
+            os.unlink(path)
 
 
 def damaged_files(folder: Path) -> Iterator[tuple[str, str]]:

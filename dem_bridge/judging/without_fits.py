@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from dem_bridge.judging.fitting import TOLERANCE_OF_SEARCH, Block, Data
 from dem_bridge.judging.hypotheses import Variant
 from dem_bridge.judging.model import system_of
-from dem_bridge.scene.file import load_scene, shipped_scenes
+from dem_bridge.scene.file import load_scene
 from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.shipped import listed_scenes
 
 Floats = NDArray[np.float64]
 
@@ -161,9 +162,10 @@ def shipped_scene(scene: Scene, data: Data, error: float) -> ShippedScene | None
     """
     best: ShippedScene | None = None
     least = min(LARGEST_ERROR_OF_OTHER_SCENE, LARGEST_SHARE_OF_OTHER_SCENE * error)
-    for name in shipped_scenes("all"):
+    # only scenes of as many bodies are read: all of them take half a second
+    for name in (listed.name for listed in listed_scenes() if listed.n_body == scene.n_body):
         other = load_scene(name)
-        if other.n_body != scene.n_body or other.law is not None or other.content_hash == scene.content_hash:
+        if other.law is not None or other.content_hash == scene.content_hash:
             continue
         motion = Variant(system_of(other))
         # what begins otherwise does not need its whole motion

@@ -28,6 +28,7 @@ from dem_bridge.foundation.wording import relative_number
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.images import alternative_text, inline, picture_of_data
 from dem_bridge.report.study import Claim, ClaimValue, FigureData, Map, Panel, Study, Table
+from dem_bridge.report.template_cache import TemplateCache
 from dem_bridge.report.texts import without_repeats
 from dem_bridge.runs.store import Store
 from dem_bridge.version import __version__
@@ -352,6 +353,7 @@ def _environment(package: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
+        bytecode_cache=TemplateCache(),
     )
     environment.filters |= {
         "by_backend": by_backend,

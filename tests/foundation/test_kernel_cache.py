@@ -329,7 +329,7 @@ def test_the_least_recently_used_kernels_are_removed(
     folder: Path, whole: tuple[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name, content = whole
-    monkeypatch.setattr(kernel_cache, "MOST_FILES", 5)
+    monkeypatch.setattr(kernel_folders, "MOST_FILES", 5)
     (folder / name).write_bytes(content)
     for age in range(1, 9):
         (folder / f"older-{age}{kernel_folders.SUFFIX}").touch()
