@@ -205,7 +205,8 @@ def test_the_hook_of_scenes_refuses_a_wrong_scene_and_names_every_one(tmp_path: 
     ):
         (folder / f"{name}.toml").write_text(text, encoding="utf-8")
     right, *wrong = (folder / f"{name}.toml" for name in ("right", "key", "sign"))
-    assert _hook("dem-bridge-scene", right).returncode == 0
+    done = _hook("dem-bridge-scene", right)
+    assert (done.returncode, done.stderr) == (0, "")
     done = _hook("dem-bridge-scene", *wrong, right)
     assert (done.returncode, done.stdout) == (1, "")
     assert "key.toml" in done.stderr
