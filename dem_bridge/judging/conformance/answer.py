@@ -28,6 +28,8 @@ _SCORE = {
     "not_run": Outcome.NOT_RUN,
     "broken": Outcome.BROKEN,
 }
+#: further lines of a sentence on the score card, one less for a run that failed: these often have one reason
+MOST_FURTHER_LINES = 2
 #: widths of the score card
 _COLUMNS, _OF_NAMES, _OF_OUTCOMES = 100, 16, 10
 _BADGE = (
@@ -107,7 +109,10 @@ class Conformance(KeyedAnswer):
                 text = textwrap.shorten(text, room, placeholder=" ...")
             first, *rest = textwrap.wrap(text, room) or [""]
             lines.append(f"{item.outcome.value:{_OF_OUTCOMES}}{item.name:{_OF_NAMES}}{first}".rstrip())
-            lines += [f"{'':{_OF_OUTCOMES + _OF_NAMES}}{line}" for line in rest[:2]]
+            lines += [
+                f"{'':{_OF_OUTCOMES + _OF_NAMES}}{line}"
+                for line in rest[: MOST_FURTHER_LINES - (item.outcome is Outcome.BROKEN)]
+            ]
         names = [item.name for item in self.answers if item.outcome is Outcome.NOT_RUN]
         if names:
             lines.append(f"{Outcome.NOT_RUN.value:{_OF_OUTCOMES}}{', '.join(dict.fromkeys(names))}")

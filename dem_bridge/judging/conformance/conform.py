@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.errors import DemBridgeError, UsageError
+from dem_bridge.errors import OF_DAMAGED_DATA, DemBridgeError, UsageError
 from dem_bridge.formats.readers import read_record
 from dem_bridge.foundation.files import MOST_BYTES, check_future_report_folder, text_of_file
 from dem_bridge.foundation.numbers import check_number
@@ -22,7 +22,7 @@ from dem_bridge.judging.conformance.explain import Behaviour, behaviour_of
 from dem_bridge.judging.conformance.grade import Evidence, grade
 from dem_bridge.judging.conformance.limit import Samples, samples_of
 from dem_bridge.judging.conformance.properties import LargeStep
-from dem_bridge.judging.conformance.running import TIME_LIMIT_S, Function, Run, run_all
+from dem_bridge.judging.conformance.running import SCENE, TIME_LIMIT_S, Function, Run, run_all
 from dem_bridge.judging.conformance.scenes import SET, Probe, checked_features, frozen_probes, steps_of, unseen_probes
 from dem_bridge.judging.conformance.truth import truth_of
 from dem_bridge.judging.foreign import Command
@@ -51,18 +51,7 @@ def conform_code(
     progress: Progress | None = None,
 ) -> Conformance:
     """Run a code on the frozen scenes and on ``scenes`` unseen ones, and grade it; see :func:`dem_bridge.conform`."""
-    names = checked_features(features)
-    count = int(
-        check_number(
-            "scenes",
-            scenes,
-            f"a whole number from 0 to {MOST_UNSEEN_SCENES}",
-            whole=True,
-            at_least=0,
-            at_most=MOST_UNSEEN_SCENES,
-        )
-    )
-    number = int(check_number("seed", seed, "a whole number >= 0", whole=True, at_least=0))
+    names, count, number = _settings(features, scenes, seed)
     check_number("time_limit", time_limit, "a number above 0 (s)", above=0.0)
     code = command if callable(command) else Command.of(command)
     words = code.words if isinstance(code, Command) else (getattr(code, "__name__", "a function"),)
@@ -103,28 +92,38 @@ def conform_stored(folder: Path) -> Conformance:
     """
     path = folder / RECORD
     document = _document(path)
-    names = checked_features([str(name) for name in document["features"]])
-    count, seed = int(document["scenes"]), int(document["seed"])
-    stored.check_hashes(folder, document["files"])
-    runs = [Run(**{**run, "dt": float(run["dt"])}) for run in document["runs"]]
-    for run in runs:
-        if run.out and (".." in Path(run.out).parts or Path(run.out).parts[:1] != (stored.FILES,)):
-            raise UsageError(f"{path}: out = {run.out!r}; allowed: a file below {stored.FILES}")
-    probes = {probe.scene.name: probe for probe in _probes(names, count, seed)}
-    for name in {run.scene for run in runs} & {*probes}:
-        if (folder / stored.FILES / name / "scene.json").read_text(encoding="utf-8") != scene_json(probes[name].scene):
-            raise UsageError(
-                f"{path}: the scene {name} is another one in this version of dem-bridge; run the code again"
-            )
+    try:
+        names, count, seed = _settings(document["features"], document["scenes"], document["seed"])
+        runs = [Run(**{**run, "dt": float(run["dt"])}) for run in document["runs"]]
+        parts = {run.out: Path(run.out).parts for run in runs if run.out}
+        outside = [out for out, words in parts.items() if ".." in words or words[0] != stored.FILES]
+        before = {(item["name"], item["scene"]): item["outcome"] for item in document["items"]}
+        recorded = dict(document["files"])
+    except OF_DAMAGED_DATA as error:
+        raise UsageError(f"{path}: is damaged ({error}); restore the file, or run the code again") from error
+    if outside:
+        raise UsageError(f"{path}: out = {outside[0]!r}; allowed: a file below {stored.FILES}")
+    stored.check_hashes(folder, recorded)
+    for probe in _probes(names, count, seed):
+        scene = folder / stored.FILES / probe.scene.name / SCENE
+        if scene.exists() and scene.read_text(encoding="utf-8") != scene_json(probe.scene):
+            raise UsageError(f"{scene}: is not the scene of this name in this dem-bridge; run the code again")
     items = _graded(folder, names, count, seed, runs)
-    before = {(item.get("name"), item.get("scene")): item.get("outcome") for item in document["items"]}
     changed = tuple(
-        f"{item.name} ({item.scene or 'all scenes'}): recorded {recorded}, found {item.outcome.value}"
+        f"{item.name} ({item.scene or 'all scenes'}): recorded {was}, found {item.outcome.value}"
         for item in items
-        if (recorded := before.get((item.name, item.scene))) != item.outcome.value
+        if (was := before.get((item.name, item.scene))) != item.outcome.value
     )
     record = {key: document[key] for key in ("schema", "set", "command", "features", "seed", "scenes", "runs", "files")}
     return Conformance(record=record, answers=items, changed=changed)
+
+
+def _settings(features: Sequence[str] | str, scenes: int, seed: int) -> tuple[tuple[str, ...], int, int]:
+    """Return checked features, number of unseen scenes and seed."""
+    allowed = f"a whole number from 0 to {MOST_UNSEEN_SCENES}"
+    count = check_number("scenes", scenes, allowed, whole=True, at_least=0, at_most=MOST_UNSEEN_SCENES)
+    number = check_number("seed", seed, "a whole number >= 0", whole=True, at_least=0)
+    return checked_features(features), int(count), int(number)
 
 
 def _document(path: Path) -> Mapping[str, Any]:
@@ -134,19 +133,11 @@ def _document(path: Path) -> Mapping[str, Any]:
     try:
         document = json.loads(text_of_file(path, MOST_BYTES))
     except ValueError as error:
-        raise UsageError(f"{path}: is not JSON ({error}); run the code again") from None
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        raise UsageError(
-            f"{path}: has another schema; allowed: {SCHEMA!r}; use the version of dem-bridge that wrote it"
-        )
-    if document.get("set") != SET:
-        raise UsageError(
-            f"{path}: set = {document.get('set')!r}; allowed: {SET}; use the version of dem-bridge that wrote it"
-        )
-    keys = ("command", "features", "seed", "scenes", "runs", "files", "items")
-    if missing := [key for key in keys if key not in document]:
-        raise UsageError(f"{path}: {missing[0]} is missing; restore the file, or run the code again")
-    return document
+        raise UsageError(f"{path}: is not JSON ({error}); restore the file, or run the code again") from None
+    for key, value in (("schema", SCHEMA), ("set", SET)):
+        if not isinstance(document, dict) or document.get(key) != value:
+            raise UsageError(f"{path}: has another {key}; allowed: {value!r}; use the dem-bridge that wrote it")
+    return dict(document)
 
 
 def _probes(features: Sequence[str], count: int, seed: int) -> tuple[Probe, ...]:

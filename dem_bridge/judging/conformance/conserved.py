@@ -21,14 +21,20 @@ ENERGY_OF_VELOCITY = 8.0
 
 
 def conserved_items(
-    used: Sequence[Behaviour], explanations: Mapping[str, Explanation], failures: Sequence[Failure]
-) -> tuple[Item, Item, Item]:
-    """Return the item on momentum with its noise, and the items on momentum and energy of the score card.
+    used: Sequence[Behaviour], explanations: Mapping[str, Explanation], failures: Sequence[Failure], order: Item
+) -> tuple[Item, Item]:
+    """Return the items on momentum and energy.
 
-    The first one has the number "noise" where the momentum changes as by rounding to single precision.
+    That on momentum has the number "noise" where the momentum changes as by rounding to single precision. ``order`` is
+    the item on the order: without one there is no limit for a vanishing step whose energy could be told.
     """
     momentum = _momentum(used, explanations, failures)
-    return momentum, momentum, _energy(used, failures, momentum)
+    return momentum, _energy(used, failures, next((item for item in (momentum, order) if _fails(item)), None))
+
+
+def _fails(item: Item) -> bool:
+    """Return True if an item failed."""
+    return item.outcome is Outcome.FAIL
 
 
 def _momentum(used: Sequence[Behaviour], explanations: Mapping[str, Explanation], failures: Sequence[Failure]) -> Item:
@@ -54,8 +60,8 @@ def _momentum(used: Sequence[Behaviour], explanations: Mapping[str, Explanation]
     return failed_item("momentum", scene, sentence, "momentum", {"change": drift})
 
 
-def _energy(used: Sequence[Behaviour], failures: Sequence[Failure], momentum: Item) -> Item:
-    """Return the item on the conservation of energy."""
+def _energy(used: Sequence[Behaviour], failures: Sequence[Failure], hiding: Item | None) -> Item:
+    """Return the item on the conservation of energy; the fault of the item ``hiding`` changes it, too."""
     if item := failure_item("energy", failures):
         return item
     changes = {
@@ -72,8 +78,8 @@ def _energy(used: Sequence[Behaviour], failures: Sequence[Failure], momentum: It
     if abs(change) <= allowed:
         return passed_item("energy", scene, f"{words}.", {"change": change})
     named = [failure.item for failure in failures if failure.scene in changes]
-    if momentum.outcome is Outcome.FAIL:
-        named = ["momentum"]
+    if hiding is not None:
+        named = [hiding.name]
     if named:
         sentence = f"{words}; the fault of the item {named[0]} explains it."
         return passed_item("energy", scene, sentence, {"change": change})

@@ -106,6 +106,11 @@ class Failure:
     """Item that it fails: the one of the fault, or the question of the scene if simpler scenes are right."""
     fault: Fault
 
+    @property
+    def is_of_body(self) -> bool:
+        """True if the fault is one of a body or contact."""
+        return not self.fault.everywhere
+
 
 class Motions:
     """Motions of one scene with faults, at its samples."""

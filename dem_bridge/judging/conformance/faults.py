@@ -187,12 +187,13 @@ def _dashpot(coefficient: float) -> Change:
 
 
 def bodies(scene: Scene, item: str) -> Iterator[Candidate]:
-    """Yield faults of one body or contact."""
-    for k in range(len(scene.stiffness)):
+    """Yield faults of one body or contact; the only contact of a pair is a matter of the law."""
+    several = range(len(scene.stiffness)) if len(scene.stiffness) > 1 else range(0)
+    for k in several:
         change = entry("stiffness", k, _NO_CONTACT)
         yield Fault("missed-contact", item, f"Contact {k} does not act.", change, everywhere=False)
-    for key, words in (("stiffness", "Contact {} has"), ("mass", "Body {} has")):
-        for k in range(len(getattr(scene, key))):
+    for key, words, places in (("stiffness", "Contact {} has", several), ("mass", "Body {} has", range(scene.n_body))):
+        for k in places:
             sentence = f"{words.format(k)} {{:.5g}} times its {key}."
             yield family(key, item, sentence, _entry_by(key, k), everywhere=False)
 

@@ -42,8 +42,7 @@ def candidates(probe: Probe, *, first: bool) -> Iterator[Candidate]:
     if first:
         yield from readings()
     yield from laws(probe)
-    if scene.n_body > 2:
-        yield from bodies(scene, "mixing" if probe.question == "mixing" else "contacts")
+    yield from bodies(scene, "mixing" if probe.question == "mixing" else "contacts")
 
 
 def _mixing(scene: Scene) -> Iterator[Candidate]:

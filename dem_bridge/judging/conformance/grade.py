@@ -97,11 +97,33 @@ def _explained(evidence: Evidence) -> tuple[dict[str, Explanation], list[Failure
             known.append(found.fault)
             # the first scene decides about the law and the output; a later one only about what it adds
             item = probe.question if decided else found.fault.item
+            # the same body or contact of another scene: an item is to be named once
+            same = (
+                failure.item for failure in failures if failure.is_of_body and failure.fault.cause == found.fault.cause
+            )
+            item = item if found.fault.everywhere else next(same, item)
             if item == "unseen" and found.fault.item == "restitution" and not _has_frozen_law(evidence, probe):
                 item = "restitution"
             failures.append(Failure(name, item, found.fault))
         decided = decided or certain
-    return explanations, failures
+    return _without_masses(evidence, explanations, failures)
+
+
+def _without_masses(
+    evidence: Evidence, explanations: dict[str, Explanation], failures: list[Failure]
+) -> tuple[dict[str, Explanation], list[Failure]]:
+    """Take back the mass of a body in a simple scene if another one is wrong and no fault explains it.
+
+    Forces on the two bodies of a contact that are not opposite look like another mass in a pair, but not in a chain.
+    """
+    simple = [probe.scene.name for probe in evidence.probes if probe.question in BASE]
+    found = [name for name in simple if name in explanations]
+    if all(explanations[name].right or explanations[name].fault is not None for name in found):
+        return explanations, failures
+    masses = [failure for failure in failures if failure.scene in simple and failure.fault.cause == "mass"]
+    for failure in masses:
+        explanations[failure.scene] = replace(explanations[failure.scene], fault=None)
+    return explanations, [failure for failure in failures if failure not in masses]
 
 
 def _has_frozen_law(evidence: Evidence, probe: Probe) -> bool:

@@ -55,11 +55,10 @@ def property_items(
         yield from (not_run_item(name, "no scene has files that can be read") for name in names)
         return
     delays: Delays = {name: _delay(used, name) for name in ("velocity", "displacement")}
-    yield _order(used, explanations, delays)
-    yield _phase(used, failures, delays)
-    noise, *items = conserved_items(used, explanations, failures)
-    yield from items
-    yield _digits(used, noise.numbers.get("noise", 0.0))
+    order = _order(used, explanations, delays)
+    momentum, energy = conserved_items(used, explanations, failures, order)
+    yield from (order, momentum, energy, _phase(used, failures, delays))
+    yield _digits(used, momentum.numbers.get("noise", 0.0))
     yield _units(list(behaviours.values()), failures)
     yield _largest_step(large_steps)
 
@@ -163,7 +162,7 @@ def _units(behaviours: Sequence[Behaviour], failures: Sequence[Failure]) -> Item
 def _largest_step(steps: Sequence[LargeStep]) -> Item:
     """Return the item on the largest steps, from runs from fine to coarse."""
     if not steps:
-        return not_run_item("largest-step", "the first scene has no files")
+        return not_run_item("largest-step", "the first scene has no files with velocities")
     numbers = {"stable": _largest(steps, math.inf)}
     for accuracy in ACCURACIES:
         numbers[f"error_{accuracy:g}"] = _largest(steps, accuracy)

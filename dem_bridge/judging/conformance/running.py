@@ -17,6 +17,8 @@ from dem_bridge.scene.scene import Scene
 
 #: time limit of a run, s: the scenes have at most some 10,000 steps of at most six bodies
 TIME_LIMIT_S = 60.0
+#: file of a scene beside the files of a code
+SCENE = "scene.json"
 #: scenes in a row that do not end in time, after which no further one is run
 MOST_HANGING_SCENES = 3
 #: words of the message of a run that did not end in time
@@ -64,13 +66,13 @@ def run_all(
         if hanging == MOST_HANGING_SCENES:
             return runs
         if progress is not None:
-            progress(number / total, total, f"{probe.scene.name} at {len(probe.steps)} steps")
+            progress(number, total, f"{probe.scene.name} at {len(probe.steps)} steps")
         runs += _scene_runs(code, probe.scene, probe.steps, folder, time_limit, go_on=False)
         hanging = hanging + 1 if _TIME_LIMIT in runs[-1].problem else 0
     if probes and probes[0].frozen and all(not run.problem for run in runs if run.scene == probes[0].scene.name):
         scene, counts = steps_of(probes[0])
         if progress is not None:
-            progress(len(probes) / total, total, "the largest step")
+            progress(len(probes), total, "the largest step")
         interval = scene.duration / scene.samples
         # from fine to coarse: a code that hangs at a large step is not run at larger ones
         runs += _scene_runs(
@@ -85,7 +87,7 @@ def _scene_runs(
     """Run a code on one scene at several steps; ``go_on``: also after a run that failed within the time limit."""
     home = folder / "files" / scene.name
     home.mkdir(parents=True)
-    (home / "scene.json").write_text(scene_json(scene), encoding="utf-8")
+    (home / SCENE).write_text(scene_json(scene), encoding="utf-8")
     runs = []
     for number, dt in enumerate(steps, start=1):
         place = home / str(number)

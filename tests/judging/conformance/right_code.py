@@ -16,7 +16,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def force(x, v, wall, k, n, gap, c, power, clip, out):
+def force(x: Any, v: Any, wall: Any, k: Any, n: Any, gap: Any, c: Any, power: Any, clip: bool, out: Any) -> None:
     """Write the force of each contact along the line; contact j is in front of body j."""
     bodies = len(x)
     for j in range(bodies + 1):
@@ -33,7 +33,10 @@ def force(x, v, wall, k, n, gap, c, power, clip, out):
 
 
 @njit(cache=True)
-def verlet(m, v, free, wall, k, n, gap, c, power, clip, dt, every, samples):
+def verlet(
+    m: Any, v: Any, free: Any, wall: Any, k: Any, n: Any, gap: Any, c: Any, power: Any, clip: bool,
+    dt: float, every: int, samples: int,
+) -> Any:  # fmt: skip
     """Return displacements and velocities; damping takes the velocity that a step of Euler predicts."""
     bodies = len(m)
     x, a, f = np.zeros(bodies), np.zeros(bodies), np.zeros(bodies + 1)

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -85,6 +85,7 @@ FAULTS: dict[str, tuple[Any, dict[str, str]]] = {
         lambda n, d: n.update(c=n["c"] / 2**0.5 if d["chain"].get("damping", {}).get("law") == "tsuji" else n["c"]),
         {"restitution": "LAMMPS tsuji without sqrt 2"},
     ),
+    "last mass": (lambda n, d: n["m"].__setitem__(-1, 1.03 * n["m"][-1]), {"contacts": "mass"}),
     "prepared": (
         lambda n, d: n.update(k=n["k"] * (1.05 if "unseen" in d["name"] else 1.0)),
         {"unseen": "stiffness-scale"},
@@ -128,12 +129,12 @@ def test_half_step_velocities_are_the_phase_and_not_the_order() -> None:
     def leapfrog(scene: Scene, dt: float, path: Path) -> None:
         document = json.loads(scene_json(scene))
         time, x, v = right_code.solve(document, dt)
-        numbers = right_code.numbers(document)
+        numbers, force = right_code.numbers(document), cast(Any, right_code.force)
         for row in range(1, len(time)):
             f = np.zeros(scene.n_body + 1)
             rest = np.zeros(scene.n_body)
             keys = ("wall", "k", "n", "gap", "c", "power", "clip")
-            right_code.force(x[row], rest, *(numbers[key] for key in keys), f)
+            force(x[row], rest, *(numbers[key] for key in keys), f)
             v[row] -= 0.5 * dt * (f[:-1] - f[1:]) / numbers["m"]
         right_code.write(path, time, x, v)
 
@@ -147,7 +148,7 @@ def test_a_code_that_ignores_its_step_is_told() -> None:
     def fixed(scene: Scene, dt: float, path: Path) -> None:
         right_code.write(path, *right_code.solve(json.loads(scene_json(scene)), scene.duration / scene.samples / 3))
 
-    assert failed(db.conform(fixed, scenes=0))["order"] == "step-ignored"
+    assert failed(db.conform(fixed, scenes=0)) == {"order": "step-ignored"}
 
 
 @pytest.mark.parametrize(
@@ -243,6 +244,26 @@ def test_an_outcome_that_was_written_otherwise_is_listed(stored: Path, tmp_path:
 def test_wrong_use_is_told(settings: dict[str, Any], words: str) -> None:
     with pytest.raises(UsageError, match=words):
         db.conform(code(), **settings)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ('"dem-bridge/conformance/1"', '"dem-bridge/conformance/2"', "has another schema; allowed: 'dem-bridge/conf"),
+        ('"set": 1', '"set": 2', "has another set; allowed: 1"),
+        ('"out": "files/pair/1', '"out": "files/../../pair/1', "allowed: a file below files"),
+        ('"runs": [', '"runs": [7, ', "is damaged"),
+        ('"score"', "score", "is not JSON"),
+    ],
+)
+def test_a_damaged_record_is_refused(stored: Path, tmp_path: Path, before: str, after: str, words: str) -> None:
+    copy = _copy(stored, tmp_path)
+    record = copy / "conformance.json"
+    text = record.read_text(encoding="utf-8")
+    assert before in text
+    record.write_text(text.replace(before, after, 1), encoding="utf-8")
+    with pytest.raises(UsageError, match=words):
+        db.conform(check=copy)
 
 
 def test_a_folder_without_a_grade_is_refused(tmp_path: Path) -> None:

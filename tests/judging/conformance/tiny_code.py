@@ -14,9 +14,10 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 
-def forces(x, k, gap):
+def forces(x: list[float], k: list[float], gap: list[float]) -> list[float]:
     """Return the force of each contact along the line."""
     line = [0.0, *x, 0.0]
     return [
@@ -25,7 +26,7 @@ def forces(x, k, gap):
     ]
 
 
-def solve(document, dt):
+def solve(document: dict[str, Any], dt: float) -> list[list[float]]:
     """Return rows of time, displacements and velocities by velocity Verlet."""
     chain, samples = document["chain"], document["sampling"]["count"]
     m, v, n = chain["mass"], list(chain["velocity"]), len(chain["mass"])
@@ -37,7 +38,7 @@ def solve(document, dt):
     step = interval / every
     x = [0.0] * n
 
-    def acceleration():
+    def acceleration() -> list[float]:
         f = forces(x, k, gap)
         return [(f[i] - f[i + 1]) / m[i] for i in range(n)]
 
