@@ -62,7 +62,7 @@ def test_json_and_exit_codes_are_those_of_the_contract(folder: Path) -> None:
     done = run_here("check", "in.fine", "--json", "--accuracy", "1e-5", cwd=folder)
     data = json.loads(done.stdout)
     assert (done.returncode, data["outcome"], data["step"]["accuracy"]) == (1, "FAIL", 1e-5)
-    assert list(data) == ["outcome", "law", "step", "engine", "recorded", "plausibility", "advice", "notes"]
+    assert list(data) == ["outcome", "law", "step", "engine", "recorded", "ties", "plausibility", "advice", "notes"]
     assert run_here("check", "in.fine", cwd=folder).returncode == 0
 
 

@@ -13,6 +13,7 @@ from dem_bridge.judging.check.edits import Edit
 from dem_bridge.judging.check.law import EngineAnswer, LawAnswer
 from dem_bridge.judging.check.plausible import Plausibility
 from dem_bridge.judging.check.step import StepAnswer
+from dem_bridge.judging.check.ties import Tie
 from dem_bridge.judging.judgement import KeyedAnswer
 from dem_bridge.judging.unit_test.recorded import RecordedAnswer
 from dem_bridge.observables.verdict import Outcome, exit_code, plain
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from dem_bridge.trajectory.trajectory import Floats
 
 #: keys of a check, in their order
-KEYS = ("outcome", "law", "step", "engine", "recorded", "plausibility", "advice", "notes")
+KEYS = ("outcome", "law", "step", "engine", "recorded", "ties", "plausibility", "advice", "notes")
 #: lines to write that the terminal shows
 MOST_LINES_TO_WRITE = 3
 #: properties that, if they are not plausible, make an answer doubtful
@@ -93,6 +94,8 @@ class Check(KeyedAnswer):
     companions: Mapping[str, bytes] = field(default_factory=dict)
     """Files that the script consists of or reads, by name; empty if there is nothing to write."""
     pictures: Pictures | None = None
+    tie_answers: tuple[Tie, ...] = ()
+    """Moments that fall on a step within round-off, the largest effect first."""
     recorded_answer: RecordedAnswer | None = None
     """The states that a unit test of LAMMPS recorded; None for another script."""
 
@@ -153,6 +156,11 @@ class Check(KeyedAnswer):
         return None if self.recorded_answer is None else self.recorded_answer.as_json()
 
     @property
+    def ties(self) -> list[dict[str, Any]]:
+        """Moments that fall on a step within round-off: what depends on it, and what mends it."""
+        return [tie.as_json() for tie in self.tie_answers]
+
+    @property
     def plausibility(self) -> list[dict[str, Any]]:
         """Properties beside what is usual, those that are worth a look first."""
         return [entry.as_json() for entry in self.plausible]
@@ -205,7 +213,10 @@ class Check(KeyedAnswer):
     def lines(self, page: str = "") -> Iterator[tuple[str, str]]:
         """Yield at most eight lines as pairs of name and text; ``page`` is the path of the page, if there is one."""
         yield self.outcome, self.headline
-        lines, most = self.advice, MOST_LINES_TO_WRITE - bool(page)
+        extra = list(self._extra())
+        shows_plausible = not extra or any(entry.look for entry in self.plausible)
+        lines = self.advice
+        most = max(1, MOST_LINES_TO_WRITE + 1 - bool(page) - len(extra) - shows_plausible)
         spare = len(lines) > most and not self.engine_answer.defects
         most += spare  # in place of the line on the release
         for place, line in enumerate(lines[:most]):
@@ -216,15 +227,21 @@ class Check(KeyedAnswer):
         yield "step", f"{_OF_STEP[self.step_answer.outcome]}: {self.step_answer.sentence}"
         if not spare:
             yield "release", self.engine_answer.sentence
-        if self.recorded_answer is not None:  # in place of what is plausible, which the page has
-            yield (
-                "recorded",
-                f"{_OF_LAW.get(self.recorded_answer.outcome, 'not judged')}: {self.recorded_answer.sentences}",
-            )
-        else:
+        yield from extra
+        if shows_plausible:
             yield "plausible", self.plausible_text
         if page:
             yield "page", page
+
+    def _extra(self) -> Iterator[tuple[str, str]]:
+        """Yield the lines that few scripts have: recorded states, and ties that matter."""
+        if self.recorded_answer is not None:
+            word = _OF_LAW.get(self.recorded_answer.outcome, "not judged")
+            yield "recorded", f"{word}: {self.recorded_answer.sentences}"
+        told = [tie for tie in self.tie_answers if tie.told]
+        if told:
+            more = f" (and {len(told) - 1} more: --json)" if len(told) > 1 else ""
+            yield "ties", f"{told[0].sentence}{more}."
 
     @property
     def plausible_text(self) -> str:

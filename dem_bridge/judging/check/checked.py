@@ -20,6 +20,7 @@ from dem_bridge.judging.check.neighbours import SAFE_COMMAND, safe_edits
 from dem_bridge.judging.check.plausible import LARGEST_OVERLAP_AT_START, plausibility_of, start_overlap
 from dem_bridge.judging.check.step import StepAnswer, step_by_lammps, step_of
 from dem_bridge.judging.check.subject import Subject, short_problem, subject_of, why_unread
+from dem_bridge.judging.check.ties import ties_of
 from dem_bridge.judging.deck import user_deck
 from dem_bridge.judging.unit_test.recorded import recorded_of
 from dem_bridge.lmp.engine import Engine
@@ -284,6 +285,11 @@ def _answer(lab: Laboratory, first: Finding, last: Finding, edits: tuple[Edit, .
     text = texts[subject.path.name]
     if last is not first:
         step = last.step if step.outcome is not Outcome.PASS else step
+    lab.say("ties")
+    ties, no_ties = ties_of(subject.deck)
+    recorded = None
+    if subject.test is not None:
+        recorded = recorded_of(subject.test, subject.deck, ties, lab.engine, lab.time_limit)
     command = ""
     if subject.of_scene and step.factor > 1 and step.dt is not None:
         command = f"dem-bridge deck {subject.of_scene} --dt {step.dt / step.factor:.6g} -o DIR  # {_relation(step)}"
@@ -301,14 +307,13 @@ def _answer(lab: Laboratory, first: Finding, last: Finding, edits: tuple[Edit, .
         edits=edits,
         command=command,
         unsupported=tuple(map(short_problem, subject.deck.problems)) if lab.scene is None else (),
-        notes=tuple(_notes(lab, last is not first)),
+        notes=(*_notes(lab, last is not first), *([f"Ties were not looked for: {no_ties}."] if no_ties else [])),
         text=text,
         corrected=applied(originals, edits) if edits else {},
         companions=subject.companions() if edits else {},
         pictures=_pictures(lab, first),
-        recorded_answer=None
-        if subject.test is None
-        else recorded_of(subject.test, subject.deck, lab.engine, lab.time_limit),
+        tie_answers=ties,
+        recorded_answer=recorded,
     )
 
 

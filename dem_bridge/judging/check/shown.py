@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 TEXTS = Texts("check", "dem_bridge.judging")
 PLAUSIBILITY_COLUMNS = ("property", "value", "usual", "outcome", "sentence")
+TIES_COLUMNS = ("moment", "contacts", "step", Column("time", SECOND), "effect / largest velocity", "what mends it")
 STEPS_COLUMNS = ("accuracy", Column("largest step", SECOND))
 #: most rows of the map of errors, so that the page stays small
 _MAP_ROWS = 200
@@ -122,6 +123,13 @@ def _tables(check: Check) -> Iterator[Table]:
             PLAUSIBILITY_COLUMNS,
             [tuple(np.nan if entry[key] is None else entry[key] for key in fields) for entry in entries],
         )
+
+    if check.tie_answers:
+        rows_of_ties = [
+            (tie.kind, ", ".join(map(str, tie.contacts)), tie.step, tie.time, tie.effect, tie.mend)
+            for tie in check.tie_answers
+        ]
+        yield TEXTS.table("ties", TIES_COLUMNS, rows_of_ties)
 
 
 def _error(pictures: Pictures) -> FigureData:

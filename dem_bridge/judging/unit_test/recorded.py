@@ -15,6 +15,7 @@ from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, RunBroken
 from dem_bridge.foundation.wording import number, release, share
 from dem_bridge.judging.check.law import LARGEST_ROUNDOFF, MULTIPLE_OF_RADIUS_CHANGE
+from dem_bridge.judging.check.ties import Tie
 from dem_bridge.judging.deck import UserDeck
 from dem_bridge.judging.unit_test.driver import TestRun, run_unit_test
 from dem_bridge.lmp.engine import Engine
@@ -69,17 +70,19 @@ class RecordedAnswer:
         }
 
 
-def recorded_of(test: UnitTest, deck: UserDeck, engine: Engine | None, time_limit: float) -> RecordedAnswer:
-    """Return the answer on the recorded states of a test, with the result of the test by an engine."""
-    answer = judge_recorded(test, deck)
+def recorded_of(
+    test: UnitTest, deck: UserDeck, ties: Sequence[Tie], engine: Engine | None, time_limit: float
+) -> RecordedAnswer:
+    """Return the answer on the recorded states of a test with these ties, with the result of the test by an engine."""
+    answer = judge_recorded(test, deck, ties)
     try:
         return replace(answer, result=run_unit_test(test, engine=engine, time_limit=time_limit))
     except (RunBroken, BackendUnavailable) as error:
         return replace(answer, sentence=f"{answer.sentence} The test was not executed: {str(error).rstrip('.')}.")
 
 
-def judge_recorded(test: UnitTest, deck: UserDeck) -> RecordedAnswer:
-    """Return the answer on the recorded states of a test, whose script is ``deck``."""
+def judge_recorded(test: UnitTest, deck: UserDeck, ties: Sequence[Tie] = ()) -> RecordedAnswer:
+    """Return the answer on the recorded states of a test, whose script is ``deck`` and has these ties."""
     if deck.read is None or deck.dt is None:
         return _not_judged("the test cannot be read as a scene with one time step")
     states = recorded_states(test, deck.read)
@@ -95,7 +98,9 @@ def judge_recorded(test: UnitTest, deck: UserDeck) -> RecordedAnswer:
     speed = max(float(np.max(np.abs(velocity))), max(map(abs, deck.read.scene.velocity))) or 1.0
     apart = np.abs(states.velocity - velocity)
     round_off = float(np.max(np.abs(velocity - plainly))) / speed
-    difference, allowed = float(np.max(apart)) / speed, max(LARGEST_ROUNDOFF, MULTIPLE_OF_RADIUS_CHANGE * round_off)
+    by_ties = sum(tie.effect for tie in ties if tie.told)
+    difference = float(np.max(apart)) / speed
+    allowed = max(LARGEST_ROUNDOFF, MULTIPLE_OF_RADIUS_CHANGE * round_off) + by_ties
     places = (states.place + states.displacement, states.place + displacement)
     measured = max(
         component_error(a, b)
@@ -112,7 +117,8 @@ def judge_recorded(test: UnitTest, deck: UserDeck) -> RecordedAnswer:
     if measured <= test.epsilon:
         rest, outcome = "", Outcome.PASS
     elif difference <= allowed:
-        rest, outcome = "; round-off explains it, and epsilon holds for one rounding only", Outcome.PASS
+        why = "the rounding at a tie" if by_ties else "round-off"
+        rest, outcome = f"; {why} explains it, and epsilon holds for one rounding only", Outcome.PASS
     else:
         rest, outcome = "; round-off does not explain it", Outcome.FAIL
     return RecordedAnswer(

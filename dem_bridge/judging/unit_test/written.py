@@ -335,5 +335,7 @@ def _atoms(deck: Deck, line: Floats) -> Iterator[str]:
         yield f"create_atoms {atom.kind} single {place!r} 0.0 0.0 units box"
     yield f"set group all diameter {2.0 * deck.surrogate_radius!r}"
     for atom in state.atoms.values():
+        if not atom.weighed:  # a wall, whose mass the deck does not set
+            yield f"set atom {atom.number} density {atom.density!r}"
         if atom.velocity[0] != 0.0:
             yield f"set atom {atom.number} vx {atom.velocity[0]!r}"
