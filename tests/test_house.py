@@ -6,10 +6,11 @@ import doctest
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import dem_bridge
-from tests.helpers.house import house, house_graph, house_runs, house_source, same_bytes
+from tests.helpers.house import house, house_graph, house_runs, house_source, same_bytes, same_within
 from tests.test_architecture import BY_TEXT
 
 #: a module, and what it holds
@@ -147,7 +148,7 @@ def test_a_checkout_without_the_package_is_refused(tmp_path: Path) -> None:
         house.count(tmp_path)
 
 
-@pytest.mark.parametrize("module", [house, house_graph, house_runs, same_bytes])
+@pytest.mark.parametrize("module", [house, house_graph, house_runs, same_bytes, same_within])
 def test_examples(module: object) -> None:
     result = doctest.testmod(module)  # type: ignore[arg-type]
     assert result.attempted > 0 == result.failed
@@ -164,6 +165,23 @@ def test_a_changed_byte_a_new_file_and_a_lost_file_are_named(tmp_path: Path) -> 
     assert found["a.txt"].startswith("line 2: 'velocity 0.1' -> 'velocity 0.2'")
     assert found["b.json"] == ""
     assert (found["work/only1"], found["work/only2"]) == ("only before", "only after")
+
+
+def test_runs_that_differ_by_more_than_both_uncertainties_are_named() -> None:
+    [run] = same_within.answers(same_within.ROOT, 1, ["scipy"])
+    assert {found.share for found in same_within.differences(run, run)} == {0.0}
+    bar = float(run["velocity +-"])
+    for planted, outside in ((1.5, False), (2.5, True)):
+        moved = [[value + planted * bar for value in row] for row in run["velocity"]]
+        [velocity, *others] = same_within.differences(run, {**run, "velocity": moved})
+        assert velocity.quantity == "velocity"
+        assert (velocity.share > 1.0) is outside
+        assert {found.share for found in others} == {0.0}
+    # a run in one checkout alone, and another scene
+    failed = {key: run[key] for key in ("label", "scene")} | {"failure": "it stopped"}
+    assert [found.share for found in same_within.differences(run, failed)] == [np.inf]
+    assert [found.share for found in same_within.differences(failed, failed)] == [0.0]
+    assert [found.quantity for found in same_within.differences(run, {**run, "scene": "0"})] == ["scene"]
 
 
 PROBED = """\

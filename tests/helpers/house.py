@@ -1,4 +1,4 @@
-"""Load the programs of ``.ci`` that count how the package is built, because that folder is no package."""
+"""Load the programs of ``.ci`` that count how the package is built or compare checkouts: that folder is no package."""
 
 from __future__ import annotations
 
@@ -12,3 +12,4 @@ import house_graph as house_graph
 import house_runs as house_runs
 import house_source as house_source
 import same_bytes as same_bytes
+import same_within as same_within
