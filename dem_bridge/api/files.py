@@ -120,7 +120,7 @@ def write_lammps_test(
     ...     db.scene_from_deck(file).n_body
     2
     >>> [line for line in text.splitlines() if line.startswith(("epsilon", "analytic_model"))]
-    ['epsilon: 4.8e-06', 'analytic_model: hertz_peak']
+    ['epsilon: 3.3e-06', 'analytic_model: hertz_peak']
     """
     check_arguments(write_lammps_test, locals())
     from dem_bridge.judging.unit_test.written import unit_test_of
