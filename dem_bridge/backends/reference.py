@@ -2,7 +2,7 @@
 
 Against quadruple-precision solutions it is good to 1e-13 of v0 on the paper's chains. Where the series do not fit (an
 exponent n whose 2(n-1) is no whole number up to 8, a law that is a function, damping, drag, a drive) it answers through
-:mod:`.scipy_dop853` and says so in ``provenance``.
+:mod:`.scipy_dop853` and says so in ``provenance``. A piston of constant velocity is a wall in its own frame.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.backends.scales import (
+    before_wall,
+    behind_piston,
     in_common_frame,
     in_rest_frame,
     natural_scales,
@@ -30,7 +32,7 @@ from dem_bridge.foundation.compiled import interruptible
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.scene import features
 from dem_bridge.scene.scene import Scene, Wall
-from dem_bridge.scene.support import Exponents, Support
+from dem_bridge.scene.support import Condition, Exponents, Support
 from dem_bridge.trajectory.trajectory import Cost, Trajectory
 
 #: order of the series and what its last coefficients may contribute; 28 and 1e-16 are the fastest of 20..28 and
@@ -51,11 +53,19 @@ REALISATIONS = 6
 MOST_STEPS = 50_000_000
 #: power of two whose 28th power is far from the largest double
 _MOST_POWER = 30.0
+
+
+def _pressed_by_piston(scene: Scene) -> str | None:
+    """Return a description of a precompressed chain that a piston moves, or None."""
+    return "a piston moves a precompressed chain" if scene.piston and scene.precompression > 0.0 else None
+
+
 #: what the series can do themselves: they need 2 (n - 1) to be a whole number up to 8
 SERIES = Support(
-    {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING}
+    {features.WALLS, features.GAPS, features.INITIAL_OVERLAPS, features.SEVERAL_MOVING, features.CONSTANT_PISTON}
     | {features.OTHER_EXPONENTS, features.GRADED_EXPONENTS, features.GRAVITY, features.PRECOMPRESSION},
     exponents=Exponents(values=(2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)),
+    conditions=(Condition("no precompression of a chain that a piston moves", _pressed_by_piston),),
 )
 
 
@@ -76,6 +86,8 @@ class Reference(AlwaysAvailable):
 
     def replicas(self, scene: Scene, resolution: Resolution, sampling: Sampling) -> list[Trajectory]:
         """Return runs of another order that miss more force at touch, with every input moved by its last digit."""
+        if scene.piston is not None:
+            return [behind_piston(run, scene) for run in self.replicas(before_wall(scene), resolution, sampling)]
         directions, (frame, velocity) = np.random.default_rng(20180305), in_common_frame(scene)
         return [
             in_rest_frame(
@@ -99,6 +111,10 @@ class Reference(AlwaysAvailable):
 
         ``unfelt`` is a factor on the overlaps below which forces are not felt.
         """
+        if scene.piston is not None:
+            wall = self.solve_series(before_wall(scene), sampling, order=order, accuracy=accuracy, unfelt=unfelt)
+            own = run_provenance(self, scene, wall.provenance["settings"])
+            return replace(behind_piston(wall, scene), provenance={**wall.provenance, **own})
         watch = Stopwatch()
         original, (scene, frame) = scene, in_common_frame(scene)
         c, times = scene.contacts, sampling.times(scene.duration)

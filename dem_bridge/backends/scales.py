@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.scene.derived import derived, frozen
-from dem_bridge.scene.scene import Scene
+from dem_bridge.scene.scene import Scene, Wall
 from dem_bridge.trajectory.trajectory import Trajectory
 
 #: part of a static force that is round-off: codes that keep positions lose a few digits of their overlaps
@@ -93,6 +93,42 @@ def in_rest_frame(run: Trajectory, velocity: float, drag: float) -> Trajectory:
     way = -velocity * np.expm1(-drag * time) / drag if drag > 0.0 else velocity * time
     moved = run.velocity + frame_velocity(velocity, drag, time)
     return replace(run, velocity=moved, displacement=run.displacement + way)
+
+
+def before_wall(scene: Scene) -> Scene:
+    """Return the bodies before a piston of constant velocity as it sees them: before a wall at rest, moving against it.
+
+    A static force has no such frame, because it holds the ends of the chain: there must be no precompression.
+    """
+    speed, wall = scene.velocity[0], scene.contacts
+    first = Wall(stiffness=scene.stiffness[0], gap=float(wall.gap[0]), exponent=float(wall.exponent[0]))
+    return replace(
+        scene,
+        mass=scene.mass[1:],
+        stiffness=scene.stiffness[1:],
+        exponent=scene.exponent[1:] if isinstance(scene.exponent, tuple) else scene.exponent,
+        gap=scene.gap[1:] if isinstance(scene.gap, tuple) else scene.gap,
+        velocity=tuple(velocity - speed for velocity in scene.velocity[1:]),
+        wall_left=first,
+        drive=None,
+        geometry=None,
+    )
+
+
+def behind_piston(run: Trajectory, scene: Scene) -> Trajectory:
+    """Return a run of :func:`before_wall` of a scene as one of the scene, with its piston, in the frame at rest."""
+    speed, links = scene.velocity[0], len(scene.stiffness) - 1
+    way = speed * run.time[:, None]
+    # the contact with the wall is behind those of the chain
+    order = [links, *range(links), *range(links + 1, scene.n_contact)]
+    return replace(
+        run,
+        velocity=np.hstack([np.full_like(way, speed), run.velocity + speed]),
+        displacement=np.hstack([way, run.displacement + way]),
+        contact_force=run.contact_force[:, order],
+        peak_force=run.peak_force[order],
+        crossing_time=run.crossing_time[order],
+    )
 
 
 def resting_speed(scene: Scene) -> float:

@@ -235,7 +235,7 @@ def _scene_of(
         ]
         alike = scene or read_deck(text, file=file, opened=opened, variables=variables).scene
         mirrored = len(differences(alike, both[1].scene)) < len(differences(alike, both[0].scene))
-        return both[int(mirrored)], mirrored, ()
+        return both[int(mirrored)], both[int(mirrored)].line.sign < 0.0, ()
     except BlockedScript as error:
         return None, False, tuple(str(blocker) for blocker in error.blockers)
     except SceneError as error:

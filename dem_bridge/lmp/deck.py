@@ -394,6 +394,8 @@ def numbered_rows(row: Callable[..., str], *columns: NDArray[Any], block: int = 
 
 #: time, s, as a formula
 _TIME = "(step*v_dt)"
+#: the same by the time step that LAMMPS has, which follows `timestep`
+_CLOCK = "(step*dt)"
 #: values per line of a table
 _ON_A_LINE = 4
 
@@ -445,14 +447,14 @@ def _move(piston: Piston) -> str:
 
 
 def piston_variables(piston: Piston, file: str) -> Iterator[str]:
-    """Yield the lines that define ``v_piston_x`` (m) and ``v_piston_v`` (m/s) at each step of ``v_dt`` s, where needed.
+    """Yield the lines that define ``v_piston_x`` (m) and ``v_piston_v`` (m/s) at each step, where needed.
 
     ``file`` contains the values of a table and the displacements at their times.
     """
     if "variable" not in _move(piston):
         return
     if piston.shape == "table":
-        interval, place = repr(piston.interval), f"{_TIME}/{piston.interval!r}"
+        interval, place = repr(piston.interval), f"{_CLOCK}/{piston.interval!r}"
         yield f"include {file}  # defines the variables piston_velocity, m/s, and piston_way, m"
         yield f"variable piston_this equal floor({place})+1  # interval of {interval} s; LAMMPS counts from 1"
         yield f"variable piston_next equal floor({place})+2"
@@ -464,7 +466,7 @@ def piston_variables(piston: Piston, file: str) -> Iterator[str]:
         yield f"variable piston_v    equal {low}+({high}-{low})*v_piston_part  # m/s: {piston.words}"
         return
     phase = math.radians(piston.phase)
-    angle = f"{piston.turn!r}*{_TIME}{f'+({phase!r})' if phase != 0.0 else ''}"
+    angle = f"{piston.turn!r}*{_CLOCK}{f'+({phase!r})' if phase != 0.0 else ''}"
     yield f"variable piston_x    equal {piston.peak / piston.turn!r}*({math.cos(phase)!r}-cos({angle}))  # m"
     yield f"variable piston_v    equal {piston.peak!r}*sin({angle})  # m/s: {piston.words}"
 

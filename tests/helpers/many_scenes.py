@@ -29,7 +29,7 @@ KEPT = DATA / "many_scenes.npz"
 SAMPLES = 4
 
 
-def _short(values: Any) -> Any:
+def six_digits(values: Any) -> Any:
     """Round to six digits, so that a scene takes few bytes."""
     return tuple(float(f"{value:.6g}") for value in np.atleast_1d(values))
 
@@ -80,45 +80,45 @@ def drawn(seed: int) -> Scene | None:
             "kuwabara-kono": critical / secant,
         }.get(law, rng.uniform(0.2, 1.0, present))
         clip = bool(rng.uniform() < 0.5) and not adhesive
-        settings["damping"] = Damping(law=law, coefficient=_short(coefficient), clip=clip)
+        settings["damping"] = Damping(law=law, coefficient=six_digits(coefficient), clip=clip)
     if adhesive:
         pull = float(np.median(stiffness * depth**1.5)) * 10.0 ** rng.uniform(-3, -0.5)
-        settings["adhesion"] = Adhesion(law="dmt", pull_off=_short(pull)[0])
+        settings["adhesion"] = Adhesion(law="dmt", pull_off=six_digits(pull)[0])
         gap = np.abs(gap) + depth * 1e-2
     if driven:
         force = float(np.median(stiffness * depth ** (exponent - 1.0))) * 10.0 ** rng.uniform(-2, 0)
         frequency = 10.0 ** rng.uniform(0, 1.3) / duration
-        values = _short(force * rng.uniform(-1, 1, 5))
+        values = six_digits(force * rng.uniform(-1, 1, 5))
         shape = ("sine", "chirp", "table")[rng.integers(3)]
-        wave = {"force": _short(force)[0], "frequency": _short(frequency)[0]}
+        wave = {"force": six_digits(force)[0], "frequency": six_digits(frequency)[0]}
         settings["drive"] = {
-            "sine": lambda: Drive(shape=shape, **wave, phase=30.0, rise=_short(0.2 * duration)[0]),
+            "sine": lambda: Drive(shape=shape, **wave, phase=30.0, rise=six_digits(0.2 * duration)[0]),
             "chirp": lambda: Drive(
-                shape=shape, **wave, last_frequency=_short(2.0 * frequency)[0], sweep=_short(0.7 * duration)[0]
+                shape=shape, **wave, last_frequency=six_digits(2.0 * frequency)[0], sweep=six_digits(0.7 * duration)[0]
             ),
-            "table": lambda: Drive(shape=shape, force=values, interval=_short(0.3 * duration)[0]),
+            "table": lambda: Drive(shape=shape, force=values, interval=six_digits(0.3 * duration)[0]),
         }[shape]()
 
     def wall(at: int) -> Wall | None:
         k = links + at
-        gap_here = 0.0 if pressed else _short(gap[k])[0]
-        parts = {"stiffness": _short(stiffness[k])[0], "gap": gap_here, "exponent": _short(exponent[k])[0]}
+        gap_here = 0.0 if pressed else six_digits(gap[k])[0]
+        parts = {"stiffness": six_digits(stiffness[k])[0], "gap": gap_here, "exponent": six_digits(exponent[k])[0]}
         return Wall(**parts) if walls[at] else None
 
     try:
         return Scene(
             name=f"many-{seed}",
-            duration=_short(duration)[0],
-            mass=_short(mass),
-            stiffness=_short(stiffness[:links]),
-            exponent=_short(exponent[:links]),
-            velocity=_short(velocity),
-            gap=0.0 if pressed else _short(gap[:links]),
+            duration=six_digits(duration)[0],
+            mass=six_digits(mass),
+            stiffness=six_digits(stiffness[:links]),
+            exponent=six_digits(exponent[:links]),
+            velocity=six_digits(velocity),
+            gap=0.0 if pressed else six_digits(gap[:links]),
             wall_left=wall(0),
             wall_right=wall(1),
-            gravity=_short(gravity)[0],
-            drag=_short(10.0 ** rng.uniform(-2, 0.5) / duration)[0] if rng.uniform() < 0.1 else 0.0,
-            precompression=_short(0.1 * np.min(stiffness * depth ** (exponent - 1.0)))[0] if pressed else 0.0,
+            gravity=six_digits(gravity)[0],
+            drag=six_digits(10.0 ** rng.uniform(-2, 0.5) / duration)[0] if rng.uniform() < 0.1 else 0.0,
+            precompression=six_digits(0.1 * np.min(stiffness * depth ** (exponent - 1.0)))[0] if pressed else 0.0,
             samples=SAMPLES,
             **settings,
         )

@@ -117,9 +117,9 @@ def test_body_0_starts_with_the_piston_and_has_no_mobility() -> None:
 
 
 def test_a_force_has_no_hash_of_a_velocity() -> None:
-    constant = pushed("table")
-    force = Drive(shape="table", force=constant.drive.velocity, interval=5e-5)  # type: ignore[union-attr, arg-type]
-    assert replace(constant, drive=force).content_hash != constant.content_hash
+    scene, values = pushed("table"), PISTONS["table"].velocity
+    force = Drive(shape="table", force=values, interval=5e-5)
+    assert replace(scene, drive=force).content_hash != scene.content_hash
 
 
 @each

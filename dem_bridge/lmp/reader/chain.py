@@ -133,7 +133,10 @@ def _reduced(first: float, second: float) -> float:
 
 
 def line_of(script: ReadScript, reverse: bool | None) -> Line:
-    """Return the particles as a line, with body 0 at the moving end, or as ``reverse`` requires."""
+    """Return the particles as a line, with body 0 at the moving end, or as ``reverse`` requires.
+
+    An atom of ``fix move`` is always body 0.
+    """
     command = script.run or script.last
     assert command is not None  # the script has commands
     forces = script.acting or script.fixes.forces()
@@ -146,8 +149,10 @@ def line_of(script: ReadScript, reverse: bool | None) -> Line:
         command.fail_if(held, f"runs with atom {atom.number} frozen inside of the chain", "frozen atoms at its ends")
     ends = [atom.velocity[axis] for atom, held in zip(atoms, fixed, strict=True) if not held]
     moved = [atom.number for atom in atoms if atom.number in forces.moved]
-    if reverse is None:
-        reverse = moved == [atoms[-1].number] if moved else ends[0] == 0.0 != ends[-1]
+    if moved:
+        reverse = moved == [atoms[-1].number]
+    elif reverse is None:
+        reverse = ends[0] == 0.0 != ends[-1]
     if reverse:
         for values in (atoms, fixed, ends):
             values.reverse()

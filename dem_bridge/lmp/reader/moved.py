@@ -91,6 +91,7 @@ def _by_formulas(script: ReadScript, command: Command, place: str, velocity: str
     steps = np.unique(np.rint(np.linspace(0, round(script.duration / step), _STEPS)).astype(np.int64))
     at = steps * step * time
     speed_of, unit = _values(script, command, velocity), sign * length / time
+    finer = _values(script, command, velocity, finer=2)
     values = unit * np.array([speed_of(number) for number in steps.tolist()])
     peak = float(np.max(np.abs(values)))
     for piston in _candidates(script, command, velocity, unit, (steps, values), step * time):
@@ -98,9 +99,12 @@ def _by_formulas(script: ReadScript, command: Command, place: str, velocity: str
             break
     else:
         raise command.error("has a velocity that is neither constant, nor a sine, nor a table of values", _ALLOWED)
+    notes = []
+    if script.counter == script.steps and any(finer(number) != speed_of(number) for number in steps[:9].tolist()):
+        notes.append("its formulas have the time step as a number, and are wrong at others; write step*dt in them")
     if place == "NULL":
-        note = "the moved atom has a velocity alone: LAMMPS adds up its displacement to first order in the time step"
-        return piston, note
+        notes.append("it has a velocity alone, which LAMMPS adds up to first order in the time step")
+        return piston, f"the moved atom: {'; '.join(notes)}"
     place_of = _values(script, command, place)
     places = sign * length * np.array([place_of(number) for number in steps.tolist()])
     off = np.abs(places - piston.displacement(at))
@@ -108,11 +112,14 @@ def _by_formulas(script: ReadScript, command: Command, place: str, velocity: str
         k = int(np.argmax(off))
         problem = f"has a displacement that is not the integral of its velocity: {off[k]:.3g} m off at step {steps[k]}"
         raise command.error(problem, _ALLOWED)
-    return piston, ""
+    return piston, f"the moved atom: {'; '.join(notes)}" if notes else ""
 
 
-def _values(script: ReadScript, command: Command, word: str) -> Callable[[int], float]:
-    """Return the value of a variable, in the units of the script, as a function of the number of steps done."""
+def _values(script: ReadScript, command: Command, word: str, finer: int = 1) -> Callable[[int], float]:
+    """Return the value of a variable, in the units of the script, as a function of the number of steps done.
+
+    With steps that are ``finer`` it is the value at the same time.
+    """
     parser, start = script.script, script.counter - script.steps
     name = word.removeprefix("v_")
     style, words = parser.variables.get(name, ("", ()))
@@ -120,8 +127,8 @@ def _values(script: ReadScript, command: Command, word: str) -> Callable[[int], 
 
     def value(number: int) -> float:
         known = parser.keywords
-        time = number * (script.step or math.nan)
-        parser.keywords = {**known, "step": float(start + number), "elapsed": float(number), "time": time}
+        step, done = (script.step or math.nan) / finer, float(finer * number)
+        parser.keywords = {**known, "step": start + done, "elapsed": done, "time": done * step, "dt": step}
         try:
             return parser.evaluated(command, " ".join(words))
         finally:

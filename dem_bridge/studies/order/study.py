@@ -167,7 +167,7 @@ def study_order(
         If the reference has no run.
     """
     scene = load_scene(DEFAULT_SCENE) if scene is None else scene
-    reason = SERIES.unsupported_reason(scene)
+    reason = SERIES.unsupported_reason(scene) or (None if scene.drive is None else "the scene has a drive")
     if reason is not None or not any(scene.velocity):
         raise UsageError(f"study order of {scene.name}: {reason or 'nothing moves; allowed: a scene with an impact'}")
     say = progress or (lambda done, total, label: None)

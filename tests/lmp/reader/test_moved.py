@@ -85,6 +85,12 @@ def test_a_velocity_alone_is_read_with_a_note() -> None:
     assert any("to first order in the time step" in note for note in deck.notes)
 
 
+@pytest.mark.parametrize(("step", "told"), [("step*dt", False), ("step*1e-6", True)])
+def test_a_time_step_as_a_number_in_a_formula_is_told(step: str, told: bool) -> None:
+    deck = _moved("variable NULL NULL NULL v_v NULL NULL", f"variable v equal 0.1*sin(2*PI*2000*{step})")
+    assert any("write step*dt" in note for note in deck.notes) is told
+
+
 def test_a_piston_at_the_other_end_is_body_0() -> None:
     pistons = "group piston id 3\ngroup bodies id 1 2\nfix 1 bodies nve\nfix 2 piston move linear -0.25 0 0"
     atoms = "\n".join(f"create_atoms 1 single {x} 0 0" for x in (-0.02, 0, 0.02))
