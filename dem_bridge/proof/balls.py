@@ -93,7 +93,7 @@ def upper(ball: int) -> float:
     """Return an upper bound of a ball as a double."""
     middle = _as_double(ball, _AWAY)
     most = middle if middle > 0.0 else _as_double(ball, _DOWN)
-    return float(most + _radius(ball + _RADIUS) + 4e-16 * abs(most) + FLOOR)
+    return float(most + _radius(ball + _RADIUS) * _OUT + 4e-16 * abs(most) + FLOOR)
 
 
 @kernel()

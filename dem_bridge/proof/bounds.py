@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dem_bridge.foundation.compiled import Bools, Floats, Ints, kernel
-from dem_bridge.proof.balls import SIZE, lower, magnitude, upper
+from dem_bridge.proof.balls import FLOOR, SIZE, lower, magnitude, upper
 from dem_bridge.proof.series import Chain, Space, last_level, power_of
 
 #: more than the roundings of the ten thousand operations of a bound
@@ -79,12 +79,18 @@ def read_coefficients(chain: Chain, space: Space, closed: Bools, order: int, c: 
 
 
 @kernel()
+def power_above(step: float, exponent: int) -> float:
+    """Return an upper bound of a power of a step, which doubles would round to 0."""
+    return float(max(step**exponent * ENLARGED, FLOOR))
+
+
+@kernel()
 def weighted(c: Floats, step: float, start: int) -> float:
     """Return the sum of ``c[o] step^o`` from ``start`` on, for coefficients that are not negative."""
     total = 0.0
     for o in range(len(c) - 1, start - 1, -1):
         total = total * step + c[o]
-    return total * step**start * ENLARGED
+    return float(total * power_above(step, start))
 
 
 @kernel()
@@ -93,7 +99,7 @@ def tail(a: Floats, b: Floats, step: float, start: int, room: Floats) -> float:
     power, total, end = 1.0, 0.0, len(b)
     for j in range(end):
         room[j] = b[j] * power
-        power *= step
+        power = max(power * step, FLOOR)
     for j in range(end - 2, -1, -1):
         room[j] += room[j + 1]
     power = 1.0
@@ -101,7 +107,7 @@ def tail(a: Floats, b: Floats, step: float, start: int, room: Floats) -> float:
         first = max(start - i, 0)
         if first < end:
             total += a[i] * power * room[first]
-        power *= step
+        power = max(power * step, FLOOR)
     return total * ENLARGED
 
 
@@ -118,7 +124,7 @@ def largest_overlap(k: int, c: Coefficients, step: float) -> float:
         most, size, power = rising[0], abs(rising[0]), 1.0
         for o in range(1, len(rising)):
             power *= step
-            most += rising[o] * power
+            most += rising[o] * (max(power, FLOOR) if rising[o] > 0.0 else power)
             size += abs(rising[o]) * power
         # a hundred terms with a rounding each
         return float(most + (ENLARGED - 1.0) * 1e-3 * size)
@@ -130,12 +136,12 @@ def force_defect(k: int, chain: Chain, c: Coefficients, step: float, order: int,
     """Return a bound of the force of a closed contact that its series lacks, N; -1 where w may come too near 0."""
     falling, m, fall, power = c.falling[k], chain.doubled[k], 0.0, 1.0
     for o in range(1, order):
-        power *= step
+        power = max(power * step, FLOOR)
         fall += max(-falling[o], 0.0) * power
     least = falling[0] - fall * ENLARGED
     if not (falling[0] > 0.0 and least >= LEAST_ROOT * falling[0]):
         return -1.0
-    error, most = c.s[k, order] * step**order, weighted(c.s[k], step, 0)
+    error, most = c.s[k, order] * power_above(step, order), weighted(c.s[k], step, 0)
     if m % 2 == 1:
         roots = c.powers[k, 0, :order]
         error += tail(roots, roots, step, order, room)
@@ -193,7 +199,7 @@ def enclose(
         settled = True
         for i in range(n):
             new_v[i] = seconds * ((new_v[i] + rest[i]) * chain.mobility[i])
-            new_x[i] = seconds * (v[i] + c.last[i] * step**order)
+            new_x[i] = seconds * (v[i] + c.last[i] * power_above(step, order))
             if not (new_v[i] * ENLARGED < v[i] and new_x[i] * ENLARGED < x[i]):
                 settled = False
         if settled:
@@ -201,7 +207,7 @@ def enclose(
             return True
         for i in range(n):
             v[i] = max(v[i], new_v[i] * _MARGIN)
-            x[i] = max(x[i], seconds * (v[i] + c.last[i] * step**order) * _MARGIN)
+            x[i] = max(x[i], seconds * (v[i] + c.last[i] * power_above(step, order)) * _MARGIN)
             if not (v[i] < 1e100 and x[i] < 1e100):
                 return False
     return False

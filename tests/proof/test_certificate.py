@@ -74,3 +74,17 @@ def test_damaged_and_foreign_certificates_are_refused(tmp_path: Path) -> None:
         read_record(file, PAIR)
     with pytest.raises(UsageError, match="cannot be read"):
         read_record(tmp_path / "none.json", PAIR)
+
+
+KEPT = sorted((Path(__file__).parents[2] / "reports" / "proofs").glob("*.json"))
+
+
+@pytest.mark.parametrize("file", KEPT, ids=lambda file: file.stem)
+def test_certificates_that_are_kept_are_whole(file: Path) -> None:
+    document = json.loads(file.read_text())
+    assert file.stat().st_size <= 2**20
+    assert document["digest"] == digest_of(document)
+    assert len(document["samples"]["time"]) == document["scene"]["count"] + 1
+    assert float(Fraction(document["proved_until"])) == float.fromhex(document["scene"]["duration"])
+    if document["scene"]["name"] in db.shipped_scenes():
+        assert document["scene"]["hash"] == db.load_scene(document["scene"]["name"]).content_hash

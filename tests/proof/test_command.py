@@ -1,0 +1,50 @@
+"""`dem-bridge prove`: what is proved, the certificate, and what is refused in one line."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from dem_bridge.errors import BackendUnavailable
+from dem_bridge.proof import balls
+from tests.helpers.command_line import assert_one_line, run_here
+
+pytest.importorskip("flint")
+
+PAIR = """name = "pair"
+duration = 1e-4
+[chain]
+mass = [8e-3, 1e-2]
+stiffness = [4e9]
+velocity = [0.8, 0.0]
+gap = [1e-6]
+[sampling]
+count = 5
+"""
+
+
+def test_a_scene_is_proved_and_its_certificate_written(tmp_path: Path) -> None:
+    (tmp_path / "pair.toml").write_text(PAIR)
+    done = run_here("prove", "pair.toml", "-o", "pair.json", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stdout.splitlines()[0] == "pair: proved up to 0.0001 s"
+    assert "6 samples, 2 touches" in done.stdout
+    assert json.loads((tmp_path / "pair.json").read_text())["schema"] == "dem-bridge/proof/1"
+
+
+def test_what_cannot_be_proved_is_refused_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "drag.toml").write_text(f"{PAIR}[environment]\ndrag = 1.0\n")
+    done = run_here("prove", "drag.toml", "-o", "pair.json", cwd=tmp_path)
+    assert_one_line(done, "pair cannot be proved: the scene has drag; supported: walls, gaps")
+    done = run_here("prove", "drag.toml", "-o", "pair.json", "--digits", "0", cwd=tmp_path)
+    assert_one_line(done, "--digits = 0; allowed: a whole number from 1 to 60")
+
+
+def test_without_the_library_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "flint", None)
+    balls.library.cache_clear()
+    with pytest.raises(BackendUnavailable, match="needs python-flint, which is not installed; install the extra"):
+        balls.library()
+    monkeypatch.undo()
+    assert balls.library()
