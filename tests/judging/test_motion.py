@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853
 
+import dem_bridge as db
 from dem_bridge.judging import kernels
 from dem_bridge.judging.model import Model, Motion, system_of
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
 from dem_bridge.trajectory.trajectory import Floats
+from tests.helpers.driven_chains import PISTONS, pushed
 from tests.judging.test_kernels import CHAIN, acceleration, contact_forces, one_step
 
 #: a line in which all but the first body rest for a while
@@ -344,3 +346,19 @@ def test_the_table_of_dop853_is_that_of_scipy_without_scipy_integrate() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+
+
+@pytest.mark.parametrize("kind", PISTONS)
+def test_a_piston_moves_as_prescribed_in_the_motion_of_the_diagnosis(kind: str) -> None:
+    scene = pushed(kind, damping=Damping(law="coeff_restitution", coefficient=0.7))
+    model, fast = Model(scene), 0.4
+    truth, twin = (
+        db.solve(scene, backend=name, dt=dt, uncertainty=False) for name, dt in (("scipy", None), ("verlet", 1e-7))
+    )
+    exact = model.exact(model.system, truth.time)
+    # ten times the tolerance of a step, and the bends of a table, which the method does not know
+    assert np.max(np.abs(exact.velocity - truth.velocity)) < 1e-7 * fast
+    assert np.max(np.abs(exact.displacement[:, 0] - truth.displacement[:, 0])) < 1e-15 * fast
+    steps = np.rint(truth.time / 1e-7).astype(np.int64)
+    stepped = model.stepped(model.system, steps, 1e-7)
+    assert np.max(np.abs(stepped.velocity - twin.velocity)) < 1e-10 * fast
