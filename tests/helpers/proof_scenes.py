@@ -44,6 +44,15 @@ HERTZ = Scene(
     gravity=9.81,
     samples=3,
 )
+#: three bodies in touch: the last contact feels the blow at once, with a faint force
+FAINT = Scene(
+    name="faint",
+    duration=1e-4,
+    mass=(8.1e-3, 1e-2, 5e-3),
+    stiffness=(4e9, 6e9),
+    velocity=(0.8, 0.0, 0.0),
+    samples=1,
+)
 Radii = list[tuple[Fraction, Fraction]]
 
 

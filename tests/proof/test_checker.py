@@ -18,7 +18,11 @@ import pytest
 
 pytest.importorskip("flint", reason="needs python-flint, the extra proof")
 
-from dem_bridge.proof.checker import check_proof
+from flint import fmpq
+
+from dem_bridge.proof.checker import Walk, check_proof
+from dem_bridge.proof.checker_file import Ball, Box, exactly
+from dem_bridge.proof.checker_guess import Bond, Chain
 from dem_bridge.scene.scene import Scene
 from tests.helpers import proof_scenes, proofs
 
@@ -234,6 +238,64 @@ def test_a_planted_fault_is_refused(tmp_path: Path, fault: str) -> None:
     change, sentence = FAULTS[fault]
     change(file)
     assert sentence in check(proofs.sealed(file) if "remark" not in file else file | {}, tmp_path)
+
+
+def walked(chain: Chain, box: Box, time: Fraction, radius: float) -> Walk:
+    """Follow a chain from a box up to a time with defects far below a radius."""
+    ball = Ball(fmpq(0), exactly(radius))
+    n = len(chain.mass)
+    end = Box(fmpq(time.numerator, time.denominator), (ball,) * n, (ball,) * n, (False,) * len(chain.bonds))
+    walk = Walk(chain, box, end, 2.0**-24)
+    for _ in walk.steps():
+        pass
+    return walk
+
+
+def states(*walks: tuple[Fraction, Walk]) -> proofs.Motion:
+    """Return the ends of walks as a motion of the scene of three bodies in touch."""
+    ends = {time: [Fraction(int(y.p), int(y.q)) for part in walk.state for y in part] for time, walk in walks}
+    return proofs.Motion(proof_scenes.FAINT, ends.__getitem__, [], Fraction(0))
+
+
+def faint_start() -> tuple[Chain, Box]:
+    """Return equations and start of three bodies in touch, the first of which is struck."""
+    c, zero = proof_scenes.FAINT.contacts, Ball(fmpq(0), fmpq(0))
+    numbers = zip(c.left.tolist(), c.right.tolist(), c.stiffness.tolist(), strict=True)
+    bonds = tuple(Bond(left, right, exactly(beta), fmpq(0), 3) for left, right, beta in numbers)
+    velocity = tuple(Ball(exactly(v), fmpq(0)) for v in proof_scenes.FAINT.velocity)
+    mass = tuple(map(exactly, proof_scenes.FAINT.mass))
+    return Chain(mass, (fmpq(0),) * 3, bonds), Box(fmpq(0), (zero,) * 3, velocity, (False, False))
+
+
+def test_a_faint_force_must_not_be_forgotten_or_taken_for_a_constant(tmp_path: Path) -> None:
+    chain, box = faint_start()
+    time, radius = proofs.dyadic(1e-6, 60), 1e-25
+    faint = replace(chain.bonds[1], stiffness=chain.bonds[1].stiffness / 10**40)
+    forgotten = replace(chain, bonds=(chain.bonds[0], faint))
+    right, wrong = walked(chain, box, time, radius), walked(forgotten, box, time, radius)
+    push = (right.state[1][2] - wrong.state[1][2]) * chain.mass[2] / wrong.time
+    constant = walked(replace(forgotten, steady=(fmpq(0), -push, push)), box, time, radius)
+    claims = {"right": right, "forgotten": wrong, "constant": constant}
+    said = {}
+    for name, walk in claims.items():
+        file = proofs.certificate(states((time, walk)), [time], [(Fraction(radius), Fraction(radius))])
+        said[name] = check(file, tmp_path)
+    assert said["right"].startswith("proved")
+    assert "its ball" in said["forgotten"]
+    assert "its ball" in said["constant"]
+
+
+def test_a_box_into_which_only_a_part_of_the_flow_leads_is_refused(tmp_path: Path) -> None:
+    chain, box = faint_start()
+    first, second, radius = proofs.dyadic(1e-6, 60), proofs.dyadic(3e-5, 60), Fraction(1, 10**25)
+    walk = walked(chain, box, first, float(radius))
+    balls = [tuple(Ball(y, exactly(float(radius))) for y in part) for part in walk.state]
+    onward = walked(chain, Box(walk.time, balls[0], balls[1], (True, True)), second, 1e-22)
+    motion = states((first, walk), (second, onward))
+    wide = [Fraction(float(errors.max())) for errors in onward.tube.errors]
+    for part, proved in ((Fraction(3, 2), True), (Fraction(1, 2), False)):
+        file = proofs.certificate(motion, [first, second], [(radius, radius), (2 * wide[0], part * wide[1])])
+        assert check(file, tmp_path).startswith("proved") == proved
 
 
 def test_a_digest_of_another_content_is_refused(tmp_path: Path) -> None:

@@ -152,7 +152,6 @@ MUTANTS: list[tuple[str, str, str, Probe]] = [
         probes.claimed_touches_are_compared,
     ),
     ("checker_file", "require(len(proved) == len(claimed),", "require(True,", probes.claimed_touches_are_compared),
-    ("checker_file", 'require(same, f"touch', 'require(True, f"touch', probes.claimed_touches_are_compared),
     (
         "checker_file",
         "require(closed == (signs[-1] > 0),",
@@ -164,6 +163,12 @@ MUTANTS: list[tuple[str, str, str, Probe]] = [
         "require(start.time == 0 and is_exact,",
         "require(True,",
         _set("1e-40", "checkpoints", 0, "velocity", 0, 1),
+    ),
+    (
+        "checker_file",
+        "(touch.contact, touch.closes) == (claim.contact, claim.closes)",
+        "True",
+        probes.claimed_touches_are_compared,
     ),
 ]
 
