@@ -1,22 +1,27 @@
-"""The command ``dem-bridge prove``: prove the motion of a scene, and write the certificate."""
+"""The command ``dem-bridge prove``: prove the motion of a scene and write its certificate, or check a certificate."""
 
 from __future__ import annotations
 
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 import dem_bridge
 from dem_bridge.cli import options, waiting
-from dem_bridge.cli.parameters import Limits, Option, make_command
+from dem_bridge.cli.parameters import FILE, Limits, Option, make_command
+from dem_bridge.errors import UsageError
 from dem_bridge.foundation.files import check_file
+
+if TYPE_CHECKING:
+    from dem_bridge.scene.scene import Scene
 
 
 @make_command(
     "prove",
-    options.SCENE,
+    replace(options.SCENE, required=False),
     Option(
         "digits",
         "Digits of the largest velocity that are wanted at the end.",
@@ -26,16 +31,33 @@ from dem_bridge.foundation.files import check_file
         value=16,
         default="16",
     ),
-    replace(options.OUTPUT, help="Certificate to write, JSON; an unfinished one is continued.", required=True),
+    replace(options.OUTPUT, help="Certificate to write, JSON; an unfinished one is continued."),
     replace(options.FORCE, help="Begin anew if FILE exists."),
+    Option("certificate", "Check a certificate, in place of a proof.", FILE, metavar="FILE", flags=("--check",)),
+    options.JOBS,
 )
-def prove(scene: str, digits: int, output: Path, force: bool = False) -> None:
+def prove(
+    digits: int,
+    force: bool,
+    scene: str | None = None,
+    output: Path | None = None,
+    certificate: Path | None = None,
+    jobs: int = 2,
+) -> None:
     """Prove the motion of SCENE: balls that contain all velocities and displacements, and the order of all touches.
 
-    The certificate is kept at each of some thirty checkpoints. After Ctrl-C the same command goes on.
+    The certificate is kept at each of some thirty checkpoints. After Ctrl-C the same command goes on. With --check, a
+    certificate is proved by a program that shares nothing with the one that made it; SCENE is then the scene that it
+    must be about.
 
-    The exit code is 0 if the motion is proved up to the end, and 1 if the proof ends before.
+    The exit code is 0 if the motion is proved up to the end, and 1 if it is not.
     """
+    if certificate is not None:
+        if output is not None:
+            raise click.UsageError("'-o' and '--check' exclude each other: a check writes nothing.")
+        _check(certificate, None if scene is None else dem_bridge.load_scene(scene), jobs)
+    if scene is None or output is None:
+        raise click.UsageError("Missing SCENE and '-o FILE', or '--check FILE'.")
     check_file(output)
     known = dem_bridge.load_scene(scene)
     waiting.announce_compiling("proof")
@@ -49,3 +71,18 @@ def prove(scene: str, digits: int, output: Path, force: bool = False) -> None:
     click.echo(str(proof))
     click.echo(f"written: {output}")
     sys.exit(0 if proof.complete else 1)
+
+
+def _check(certificate: Path, scene: Scene | None, jobs: int) -> NoReturn:
+    """Check a certificate, print the result, and end with its exit code."""
+    from dem_bridge.proof.balls import library  # an extra
+
+    library()
+    from dem_bridge.proof.checker import check_proof
+
+    try:
+        check = check_proof(certificate, scene, jobs)
+    except OSError as error:
+        raise UsageError(f"{certificate}: the certificate cannot be read ({error.strerror})") from error
+    click.echo(f"{certificate}: {check.sentence}")
+    sys.exit(0 if check.proved else 1)

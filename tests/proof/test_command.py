@@ -8,6 +8,7 @@ import pytest
 
 from dem_bridge.errors import BackendUnavailable
 from dem_bridge.proof import balls
+from dem_bridge.proof.certificate import digest_of
 from tests.helpers.command_line import assert_one_line, run_here
 
 pytest.importorskip("flint")
@@ -30,7 +31,20 @@ def test_a_scene_is_proved_and_its_certificate_written(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert done.stdout.splitlines()[0] == "pair: proved up to 0.0001 s"
     assert "6 samples, 2 touches" in done.stdout
-    assert json.loads((tmp_path / "pair.json").read_text())["schema"] == "dem-bridge/proof/1"
+    document = json.loads((tmp_path / "pair.json").read_text())
+    assert document["schema"] == "dem-bridge/proof/1"
+    done = run_here("prove", "pair.toml", "--check", "pair.json", "-j", "1", cwd=tmp_path)
+    assert (done.returncode, "2 touches" in done.stdout) == (0, True)
+    document["touches"].pop()
+    (tmp_path / "forged.json").write_text(json.dumps({**document, "digest": digest_of(document)}))
+    done = run_here("prove", "--check", "forged.json", "-j", "1", cwd=tmp_path)
+    assert (done.returncode, "not proved" in done.stdout) == (1, True)
+    assert_one_line(
+        run_here("prove", "--check", "none.json", cwd=tmp_path), "none.json: the certificate cannot be read"
+    )
+    done = run_here("prove", "pair.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "Missing SCENE and '-o FILE', or '--check FILE'." in done.stderr
 
 
 def test_what_cannot_be_proved_is_refused_in_one_line(tmp_path: Path) -> None:
