@@ -312,13 +312,14 @@ class Proposer:
     def _land(self, x: Series, v: Series, felt: set[int], k: int, wait: float) -> tuple[Series, Series, fmpz] | None:
         """Return the state at which a contact opens, and the time until then."""
         square = self.rounded(wait)
-        for _ in range(MOST_LANDINGS):
-            series = self._series(x, v, 2 * square, -square, felt, set())
+        for turn in range(MOST_LANDINGS):
+            order = min(self.order, 12 << turn)  # the first corrections need few digits
+            series = self._series(x, v, 2 * square, -square, felt, set(), order)
             at = [[sum(c, fmpz(0)) for c in each] for each in series[:2]]
             d, u = self._difference(k, at[0], self.gaps[k]), self._difference(k, at[1])
             if u >= 0:
                 return None
-            if abs(d) <= NEAR_TOUCH // 4:
+            if abs(d) <= NEAR_TOUCH // 4 and order == self.order:
                 return at[0], at[1], square
             square -= (d << self.bits) // u
             if not 0 < self.number(square) < 2.0 * wait:
@@ -326,14 +327,14 @@ class Proposer:
         return None
 
     def _series(
-        self, x0: Series, v0: Series, linear: fmpz, square: fmpz, felt: set[int], touching: set[int]
+        self, x0: Series, v0: Series, linear: fmpz, square: fmpz, felt: set[int], touching: set[int], order: int = 0
     ) -> tuple[list[Series], list[Series], dict[int, Series]]:
         """Return the coefficients of displacements, velocities and roots of overlaps."""
         x, v, bits = [[value] for value in x0], [[value] for value in v0], self.bits
         a = [[value] for value in self.steady]
         forces = {k: _Force(self.chain.bonds[k].twice, bits) for k in sorted(felt)}
         moved = sorted({body for k in felt for body, _ in self.ends[k]})
-        for o in range(self.order + 1):
+        for o in range((order or self.order) + 1):
             for k, force in forces.items():
                 if value := force.add(self._coefficient(k, x, o), k in touching):
                     for body, rate in self.rates[k]:
