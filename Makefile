@@ -43,11 +43,12 @@ test-all: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m tests.bench.history $(ARGS)
 
-# docs/peers.md: one chain in other codes, judged; their packages are in an environment of their own
+# docs/peers.md: one chain in other codes, judged, and the codes graded; their packages are in an environment of their own
 peers: $(STAMP)
 	test -x $(VENV)-peers/bin/python || $(PYTHON) -m venv $(VENV)-peers
 	$(VENV)-peers/bin/python -m pip install --quiet --disable-pip-version-check $$($(BIN)/python -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['peers'])")
 	DEM_BRIDGE_PEERS=$(CURDIR)/$(VENV)-peers/bin/python $(BIN)/python docs/recipes/report.py
+	DEM_BRIDGE_PEERS=$(CURDIR)/$(VENV)-peers/bin/python $(BIN)/python docs/recipes/grade.py
 
 # docs/_build/index.html; a warning is an error, and all pages are read because a page that is not gives no warning
 docs: $(STAMP)
