@@ -1,0 +1,227 @@
+"""A code for chains with a switch for each of its faults: ``python faulty_code.py SCENE.json DT OUT.csv [FAULT]``.
+
+It is a code as somebody else would write it, to be graded by ``dem-bridge conform``: it shares nothing with the
+package, reads the scene as JSON and writes CSV. Without FAULT it is right: velocity Verlet, with the velocity
+predicted at the end of the step where a force depends on it. :data:`FAULTS` names the faults and the item of the grade
+that asks for each.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import sys
+from pathlib import Path
+from typing import Any
+
+#: fault -> (item of the grade that must fail, what is wrong)
+FAULTS: dict[str, tuple[str, str]] = {
+    "stiffness-4/3": ("law", "stiffness is multiplied by 4/3 a second time"),
+    "modulus-not-reduced": ("law", "twice the stiffness: the modulus of one body in place of both"),
+    "exponent-1.4": ("exponent", "force goes as overlap^1.4, with the right force at the largest overlap of the pair"),
+    "exponent-linear": ("exponent", "a linear spring with the right force at the largest overlap of the pair"),
+    "last-contact-missing": ("contacts", "the loop over contacts stops one too early in chains of three and more"),
+    "no-reaction": ("contacts", "the last contact acts on its left body only"),
+    "mean-stiffness": ("mixing", "all contacts have the mean stiffness"),
+    "stiffness-reversed": ("mixing", "stiffnesses are given to contacts from the other end"),
+    "one-mass": ("mixing", "all bodies have the mass of the first"),
+    "hooke-half": ("hooke", "a linear spring has half its stiffness"),
+    "no-walls": ("walls", "walls are ignored"),
+    "wall-right-doubled": ("walls", "the right wall is twice as stiff"),
+    "wall-as-body": ("walls", "the stiffness of a wall is that of the first contact"),
+    "no-gaps": ("gaps", "all bodies start in touch"),
+    "last-gap-missing": ("gaps", "the last gap is zero"),
+    "gravity-reversed": ("gravity", "gravity acts toward the first body"),
+    "no-gravity": ("gravity", "gravity is ignored"),
+    "no-initial-overlap": ("precompression", "forces hold the ends, and initial overlaps are missing"),
+    "no-static-force": ("precompression", "initial overlaps are right, and nothing holds the ends"),
+    "only-first-moves": ("several-moving", "start velocities of the others are ignored"),
+    "damping-doubled": ("restitution", "damping uses twice its coefficient"),
+    "tsuji-without-sqrt2": ("restitution", "prefactor of tsuji as LAMMPS has it in 2025"),
+    "always-clipped": ("restitution", "the net force is always clipped at zero"),
+    "explicit-euler": ("order", "positions and velocities go on with the values at the start of the step"),
+    "first-order-positions": ("order", "the term a dt^2/2 of the positions is missing"),
+    "half-step-velocity": ("phase", "velocities of half a step before are written"),
+    "six-digits": ("digits", "numbers are written with six digits"),
+    "single-precision": ("digits", "positions and velocities are kept in single precision"),
+    "milliseconds": ("units", "times are written in ms under a heading that says s"),
+    "negative-axis": ("units", "positive is toward the first body"),
+    "background-drag": ("momentum", "all bodies have a drag of 50 per s"),
+    "contact-loss": ("energy", "every contact loses 1 % of its force while it opens"),
+}
+
+
+class Chain:
+    """A chain with walls, read from the JSON of a scene; ``fault`` is '' for a right code."""
+
+    def __init__(self, scene: dict[str, Any], fault: str = "") -> None:
+        chain, environment = scene["chain"], scene.get("environment", {})
+        self.fault, n = fault, len(chain["mass"])
+        self.mass = chain["mass"] if fault != "one-mass" else [chain["mass"][0]] * n
+        self.velocity = list(chain["velocity"])
+        if fault == "only-first-moves":
+            self.velocity[1:] = [0.0] * (n - 1)
+        stiffness = self._stiffness(chain["stiffness"])
+        gaps = list(chain["gap"])
+        if fault == "no-gaps":
+            gaps = [0.0] * (n - 1)
+        elif fault == "last-gap-missing" and gaps:
+            gaps[-1] = 0.0
+        #: body on the left or -1, body on the right or -1, stiffness, power of the force, gap
+        self.contacts = [(k, k + 1, stiffness[k], chain["exponent"][k] - 1.0, gaps[k]) for k in range(n - 1)]
+        for side, left, right in (("wall_left", -1, 0), ("wall_right", n - 1, -1)):
+            if side in chain and fault != "no-walls":
+                wall = chain[side]
+                k = wall["stiffness"]
+                if fault == "wall-right-doubled" and side == "wall_right":
+                    k *= 2.0
+                elif fault == "wall-as-body":
+                    k = chain["stiffness"][0]
+                self.contacts.append((left, right, k, wall["exponent"] - 1.0, wall["gap"]))
+        sign = {"gravity-reversed": -1.0, "no-gravity": 0.0}.get(fault, 1.0)
+        self.gravity = sign * environment.get("gravity", 0.0)
+        self.drag = environment.get("drag", 0.0) + (50.0 if fault == "background-drag" else 0.0)
+        self.ends = [0.0] * n
+        self.eta: list[tuple[float, float]] = []
+        self._compress(chain, n)
+        self._damp(chain.get("damping"))
+        if fault.startswith("exponent"):
+            self._change_exponents()
+        if fault == "last-contact-missing" and n > 2:
+            del self.contacts[n - 2 : n - 1]
+            self.eta = self.eta[: n - 2] + self.eta[n - 1 :]
+
+    def _stiffness(self, given: list[float]) -> list[float]:
+        """Return the stiffness of each contact."""
+        if self.fault == "mean-stiffness":
+            return [sum(given) / len(given)] * len(given)
+        if self.fault == "stiffness-reversed":
+            return given[::-1]
+        return [{"stiffness-4/3": 4.0 / 3.0, "modulus-not-reduced": 2.0}.get(self.fault, 1.0) * k for k in given]
+
+    def _compress(self, chain: dict[str, Any], n: int) -> None:
+        """Add the overlaps of a static force, and the forces at ends that no wall holds."""
+        force = chain.get("precompression", {}).get("force", 0.0)
+        if force and self.fault != "no-initial-overlap":
+            self.contacts = [
+                (left, right, k, power, gap - (force / k) ** (1.0 / power))
+                for left, right, k, power, gap in self.contacts
+            ]
+        if force and self.fault != "no-static-force":
+            if "wall_left" not in chain:
+                self.ends[0] += force
+            if "wall_right" not in chain:
+                self.ends[n - 1] -= force
+
+    def _damp(self, damping: dict[str, Any] | None) -> None:
+        """Set factor and power of the overlap of each damping force."""
+        self.clip = (damping is not None and damping.get("clip", True)) or self.fault == "always-clipped"
+        if damping is None:
+            self.clip, self.eta = False, [(0.0, 0.0)] * len(self.contacts)
+            return
+        self.eta = []
+        for (left, right, k, power, _), coefficient in zip(self.contacts, damping["coefficient"], strict=True):
+            mass = 1.0 / sum(1.0 / self.mass[body] for body in (left, right) if body >= 0)
+            factor, p = self._damping_force(damping["law"], coefficient, mass, k, power)
+            self.eta.append((factor * (2.0 if self.fault == "damping-doubled" else 1.0), p))
+
+    def _damping_force(self, law: str, c: float, mass: float, k: float, power: float) -> tuple[float, float]:
+        """Return factor and power of the overlap of one damping force, which is proportional to the closing speed."""
+        if law == "dashpot":
+            return c, 0.0
+        if law == "mass_velocity":
+            return c * mass, 0.0
+        if law == "kuwabara-kono":
+            return c * k, power - 1.0
+        if law == "tsuji":  # Marshall 2009, J. Comput. Phys. 228, 1541, polynomial of the restitution
+            polynomial = 1.2728 + c * (
+                -4.2783 + c * (11.087 + c * (-22.348 + c * (27.467 + c * (-18.022 + c * 4.8218))))
+            )
+            alpha = polynomial * (1.0 if self.fault == "tsuji-without-sqrt2" else math.sqrt(2.0))
+        else:
+            alpha = -2.0 * math.sqrt((power + 1.0) / 2.0) * math.log(c) / math.hypot(math.log(c), math.pi)
+        return alpha * math.sqrt(mass * k), (power - 1.0) / 2.0
+
+    def _change_exponents(self) -> None:
+        """Give Hertz contacts another power, with the right force at the overlap that the first body alone reaches."""
+        new = 1.0 if self.fault == "exponent-linear" else 1.4
+        for number, (left, right, k, power, gap) in enumerate(self.contacts):
+            if power == 1.5:
+                mass = 1.0 / sum(1.0 / self.mass[body] for body in (left, right) if body >= 0)
+                overlap = (1.25 * mass * max(map(abs, self.velocity)) ** 2 / k) ** 0.4
+                self.contacts[number] = left, right, k * overlap ** (power - new), new, gap
+
+    def accelerations(self, x: list[float], v: list[float]) -> list[float]:
+        """Return the acceleration of each body at displacements and velocities."""
+        force = list(self.ends)
+        for number, ((left, right, k, power, gap), (eta, p)) in enumerate(zip(self.contacts, self.eta, strict=True)):
+            overlap = (x[left] if left >= 0 else 0.0) - (x[right] if right >= 0 else 0.0) - gap
+            if overlap <= 0.0:
+                continue
+            if self.fault == "hooke-half" and power == 1.0:
+                k *= 0.5
+            closing = (v[left] if left >= 0 else 0.0) - (v[right] if right >= 0 else 0.0)
+            f = k * overlap**power
+            if self.fault == "contact-loss" and closing < 0.0:
+                f *= 0.99
+            if eta:
+                f += eta * overlap**p * closing
+            if self.clip and f < 0.0:
+                continue
+            if left >= 0:
+                force[left] -= f
+            if right >= 0 and not (self.fault == "no-reaction" and number == len(self.mass) - 2):
+                force[right] += f
+        return [f / m + self.gravity - self.drag * u for f, m, u in zip(force, self.mass, v, strict=True)]
+
+    def step(self, x: list[float], v: list[float], a: list[float], dt: float) -> tuple[list[float], ...]:
+        """Return displacements, velocities and accelerations after a step, and the velocities in its middle."""
+        half = [u + 0.5 * dt * b for u, b in zip(v, a, strict=True)]
+        if self.fault == "explicit-euler":
+            x, v = [y + dt * u for y, u in zip(x, v, strict=True)], [u + dt * b for u, b in zip(v, a, strict=True)]
+            return x, v, self.accelerations(x, v), half
+        drift = v if self.fault == "first-order-positions" else half
+        x = [y + dt * u for y, u in zip(x, drift, strict=True)]
+        a = self.accelerations(x, [u + 0.5 * dt * b for u, b in zip(half, a, strict=True)])
+        v = [u + 0.5 * dt * b for u, b in zip(half, a, strict=True)]
+        if self.fault == "single-precision":
+            x, v = ([struct.unpack("f", struct.pack("f", number))[0] for number in row] for row in (x, v))
+        return x, v, a, half
+
+
+def rows(scene: dict[str, Any], dt: float, fault: str) -> list[list[float]]:
+    """Return a row a sample: time, displacements, velocities."""
+    chain, count = Chain(scene, fault), scene["sampling"]["count"]
+    interval = scene["duration"] / count
+    every = round(interval / dt)
+    dt = interval / every
+    x, v = [0.0] * len(chain.mass), list(chain.velocity)
+    a = chain.accelerations(x, v)
+    written, result = v, [[0.0, *x, *v]]
+    for sample in range(1, count + 1):
+        for _ in range(every):
+            x, v, a, half = chain.step(x, v, a, dt)
+            written = half if fault == "half-step-velocity" else v
+        time = sample * interval * (1e3 if fault == "milliseconds" else 1.0)
+        sign = -1.0 if fault == "negative-axis" else 1.0
+        result.append([time, *(sign * number for number in (*x, *written))])
+    if fault == "negative-axis":
+        result[0] = [0.0, *(-number for number in result[0][1:])]
+    return result
+
+
+def main(scene: str, dt: str, out: str, fault: str = "") -> None:
+    """Run the scene of a file and write its samples."""
+    if fault and fault not in FAULTS:
+        sys.exit(f"faulty_code: fault {fault!r} is unknown; known: {', '.join(FAULTS)}")
+    problem = json.loads(Path(scene).read_text(encoding="utf-8"))
+    bodies = range(len(problem["chain"]["mass"]))
+    heading = ["time_s", *(f"displacement_{k}_m" for k in bodies), *(f"velocity_{k}_m_per_s" for k in bodies)]
+    form = "%.5e" if fault == "six-digits" else "%.17g"
+    lines = [",".join(form % number for number in row) for row in rows(problem, float(dt), fault)]
+    Path(out).write_text("\n".join([",".join(heading), *lines, ""]), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
