@@ -3,13 +3,13 @@
 from dem_bridge import errors as errors
 from dem_bridge import plot as plot
 from dem_bridge import testing as testing
+from dem_bridge.api.conform import conform as conform
 from dem_bridge.api.files import compare as compare
 from dem_bridge.api.files import export as export
 from dem_bridge.api.files import read_trajectory as read_trajectory
 from dem_bridge.api.files import table_of as table_of
 from dem_bridge.api.files import write_lammps_test as write_lammps_test
 from dem_bridge.api.files import write_trajectory as write_trajectory
-from dem_bridge.api.conform import conform as conform
 from dem_bridge.api.judge import check as check
 from dem_bridge.api.judge import judge as judge
 from dem_bridge.api.proof import prove as prove

@@ -65,7 +65,7 @@ def _of_a_free_sine(drive: Drive, mass: float, t: np.ndarray) -> tuple[np.ndarra
 
 def test_a_free_body_driven_by_a_sine_has_the_motion_of_the_closed_form() -> None:
     scene = free_body(replace(SINE, rise=0.0))
-    assert scene.drive is not None
+    assert isinstance(scene.drive, Drive)
     run = db.solve(scene, backend="scipy")
     x, v = _of_a_free_sine(scene.drive, scene.mass[0], run.time)
     # some 30 steps at the tolerance of 3e-14 of the speed
@@ -77,7 +77,7 @@ def test_a_free_body_driven_by_a_sine_has_the_motion_of_the_closed_form() -> Non
 @pytest.mark.parametrize(("name", "order", "steps"), [("verlet", 2, (5e-7, 2.5e-7)), ("blanes-moan", 4, (8e-6, 4e-6))])
 def test_a_free_body_is_followed_to_the_methods_order(name: str, order: int, steps: tuple[float, ...]) -> None:
     scene = free_body(replace(SINE, rise=0.0))
-    assert scene.drive is not None
+    assert isinstance(scene.drive, Drive)
     errors = []
     for dt in steps:
         run = db.solve(scene, backend=name, dt=dt)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import SAMPLED, Trajectory
 
@@ -152,6 +153,7 @@ def agreed_truth(one: Truth, other: Truth) -> Truth:
 def problem(scene: Scene, tolerance: float) -> str:
     """Return the input of both programs."""
     c, duration, drive = scene.contacts, scene.duration, scene.drive
+    assert drive is None or isinstance(drive, Drive), "the program knows no piston"
     mass, mobility = np.array(scene.mass), np.append(1.0 / np.array(scene.mass), 0.0)
     fall = abs(scene.gravity) * duration
     push = 0.0 if drive is None else float(np.max(np.abs(drive.force))) * duration / scene.mass[0]

@@ -20,7 +20,8 @@ from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp.deck import Deck, deck_of
 from dem_bridge.lmp.pair_coefficients import GRANULAR_STYLE, line_order
-from dem_bridge.lmp.reader.to_scene import ROUND_OFF, plain, read_deck
+from dem_bridge.lmp.reader.formula import plain
+from dem_bridge.lmp.reader.to_scene import ROUND_OFF, read_deck
 from dem_bridge.lmp.variants import hertz_history
 from dem_bridge.scene.file import load_scene, shipped_scenes
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall

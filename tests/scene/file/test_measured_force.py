@@ -40,8 +40,8 @@ def test_a_physical_file_may_be_driven_too() -> None:
 
 def test_a_chirp_sweeps_for_the_duration_unless_it_is_told_for_how_long() -> None:
     whole, half = parse_scene(_driven(RAW, CHIRP)), parse_scene(_driven(RAW, CHIRP + "sweep = 5e-4\n"))
-    assert whole.drive is not None
-    assert half.drive is not None
+    assert isinstance(whole.drive, Drive)
+    assert isinstance(half.drive, Drive)
     assert (whole.drive.sweep, half.drive.sweep) == (whole.duration, 5e-4)
 
 
