@@ -45,6 +45,16 @@ class Disproved(NotProved):
 
 
 @dataclass(frozen=True)
+class Check:
+    """The result of a check: whether all claims are proved, or the first reason why not."""
+
+    proved: bool
+    sentence: str
+    segments: int = 0
+    pieces: int = 0
+
+
+@dataclass(frozen=True)
 class Ball:
     """All numbers within ``radius`` of ``middle``."""
 

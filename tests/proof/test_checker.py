@@ -285,6 +285,18 @@ def test_a_faint_force_must_not_be_forgotten_or_taken_for_a_constant(tmp_path: P
     assert "its ball" in said["constant"]
 
 
+def test_a_contact_may_be_fainter_than_a_box_although_its_sign_is_known(tmp_path: Path) -> None:
+    chain, box = faint_start()
+    time = proofs.dyadic(1e-7, 60)
+    walk = walked(chain, box, time, 1e-25)
+    overlap = Fraction(*map(int, (walk.state[0][1].p, walk.state[0][1].q)))
+    assert walk.signs[1].sign == 1
+    motion = states((time, walk))
+    file = proofs.certificate(motion, [time], [(overlap, Fraction(1, 10**12))])
+    file["checkpoints"][1]["closed"] = [True, False]
+    assert check(proofs.sealed(file), tmp_path).startswith("proved: 1 segments, 0 touches")
+
+
 def test_a_box_into_which_only_a_part_of_the_flow_leads_is_refused(tmp_path: Path) -> None:
     chain, box = faint_start()
     first, second, radius = proofs.dyadic(1e-6, 60), proofs.dyadic(3e-5, 60), Fraction(1, 10**25)
