@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.scene.file import scene_of
 from dem_bridge.scene.scene import Scene
 
@@ -53,6 +54,7 @@ def prove(scene: Scene | str | Path, digits: int = 16, *, file: str | Path | Non
     >>> [(touch.contact, touch.closes, f"{float(touch.time[0]):.9e}") for touch in proof.touches]
     [(0, True, '2.000000000e-06'), (0, False, '6.286962361e-05')]
     """
+    check_arguments(prove, locals())
     from dem_bridge.proof.proof import checked_digits, prove_scene  # an extra
 
     return prove_scene(scene_of(scene), checked_digits(digits), None if file is None else Path(file), anew=anew)

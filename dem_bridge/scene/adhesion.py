@@ -39,9 +39,14 @@ class Adhesion:
     pull_off: tuple[float, ...] | float
 
 
-def checked_adhesion(
-    adhesion: Adhesion, contacts: Contacts, velocity: Sequence[float], others: Mapping[str, bool]
-) -> Adhesion:
+def refuse_beside_adhesion(others: Mapping[str, bool]) -> None:
+    """Raise SceneError if a scene with adhesion has one of the fields (name -> present) that exclude it."""
+    for other, present in others.items():
+        if present:
+            raise SceneError("adhesion", problem=f"cannot be combined with {other}", allowed=f"no {other}")
+
+
+def checked_adhesion(adhesion: Adhesion, contacts: Contacts, velocity: Sequence[float]) -> Adhesion:
     """Return the adhesion with one pull-off force per contact.
 
     Parameters
@@ -52,8 +57,6 @@ def checked_adhesion(
         The contacts of the scene without their adhesion.
     velocity : sequence of float
         Start velocity of each body, m/s.
-    others : mapping
-        Fields of the scene that cannot be combined with adhesion -> whether the scene has them.
 
     Raises
     ------
@@ -64,9 +67,6 @@ def checked_adhesion(
         raise SceneError("adhesion.law", value=adhesion.law, allowed=" or ".join(ADHESION_LAWS))
     key, per, allowed, c = "adhesion.pull_off", "contact, walls included", "a number >= 0 (N)", contacts
     pull_off = checked_numbers(key, adhesion.pull_off, allowed, count=len(c.gap), per=per, at_least=0.0)
-    for other, present in others.items():
-        if present:
-            raise SceneError("adhesion", problem=f"cannot be combined with {other}", allowed=f"no {other}")
     v = np.append(velocity, 0.0)
     for k in np.flatnonzero(pull_off).tolist():
         if c.exponent[k] != 2.5:

@@ -17,6 +17,7 @@ from functools import lru_cache
 from typing import Any, Literal, get_args
 
 from dem_bridge.errors import UsageError
+from dem_bridge.foundation.arguments import check_arguments
 from dem_bridge.foundation.numbers import check_number
 from dem_bridge.physics.damped_impact import (
     RestitutionLaw,
@@ -124,7 +125,7 @@ def contact_numbers(
     radius: float,
     speed: float,
     restitution: float = 1.0,
-    partner: Partner = "sphere",
+    partner: str = "sphere",
     errors: Sequence[float] = (1e-2, 1e-3, 1e-4),
 ) -> ContactNumbers:
     """Return the numbers of a normal impact of a sphere by which a time step and a restitution are chosen.
@@ -168,6 +169,7 @@ def contact_numbers(
     >>> [f"{row.code}: {row.write:.4f}" for row in numbers.written if not row.clip][::2]
     ['LAMMPS coeff_restitution: 0.5000', 'LAMMPS tsuji, until July 2026: 0.3667']
     """
+    check_arguments(contact_numbers, locals())
     check_number("speed", speed, "a number above 0 (m/s)", above=0.0)
     wanted = f"a number from {LEAST_RESTITUTION:g} to 1"
     check_number("restitution", restitution, wanted, at_least=LEAST_RESTITUTION, at_most=1.0)

@@ -29,7 +29,7 @@ from dem_bridge.physics.contact_law import ContactLaw, Law, completed, reach_of,
 from dem_bridge.physics.statics import static_forces, static_overlap
 from dem_bridge.scene.adhesion import ADHESION_LAWS as ADHESION_LAWS
 from dem_bridge.scene.adhesion import Adhesion as Adhesion
-from dem_bridge.scene.adhesion import checked_adhesion
+from dem_bridge.scene.adhesion import checked_adhesion, refuse_beside_adhesion
 from dem_bridge.scene.contacts import Contacts, Floats
 from dem_bridge.scene.damping import BY_RESTITUTION as BY_RESTITUTION
 from dem_bridge.scene.damping import DAMPING_LAWS as DAMPING_LAWS
@@ -197,8 +197,9 @@ class Scene:
             object.__setattr__(self, "damping", damping)
         self._check_drive()
         if self.adhesion is not None:
-            others = {"precompression": self.precompression > 0.0, "law": self.law is not None}
-            adhesion = checked_adhesion(self.adhesion, self.contacts, self.velocity, others)
+            # first, because contacts need a law that has been checked
+            refuse_beside_adhesion({"precompression": self.precompression > 0.0, "law": self.law is not None})
+            adhesion = checked_adhesion(self.adhesion, self.contacts, self.velocity)
             object.__setattr__(self, "adhesion", adhesion)
         object.__setattr__(self, "law", self._checked_law())
         object.__setattr__(self, "_static_overlap", self._checked_statics())

@@ -374,7 +374,7 @@ TWIN_FAULTS: dict[str, tuple[str, str, str]] = {
 def plant(monkeypatch: pytest.MonkeyPatch, old: str, new: str) -> None:
     """The twin with a change in its own source, not compiled."""
     assert old in SOURCE, f"the twin's source has changed: {old!r} is not in it"
-    names: dict[str, Any] = {"np": np}
+    names: dict[str, Any] = dict(vars(splitting))
     exec(SOURCE.replace(old, new).split("\n", 1)[1], names)
     monkeypatch.setattr(splitting, "integrate", names["integrate"])
 

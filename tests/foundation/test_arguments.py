@@ -27,7 +27,7 @@ REQUIRED: dict[str, Any] = {
     "path": "missing", "file": "decelerating-40", "folder": "missing", "source": "decelerating-40",
     "name": "scope", "duration": 1e-4, "bodies": (BALL, BALL),
     "dt": [2.0, 1.0], "error": [4.0, 1.0], "stiffness": 6e9, "radius": 9e-3,
-    "youngs_modulus": 7e10, "poissons_ratio": 0.2,
+    "youngs_modulus": 7e10, "poissons_ratio": 0.2, "density": 2700.0, "speed": 0.5,
 }  # fmt: skip
 #: ``law_of`` belongs to the formulas, which know no errors of dem_bridge
 FUNCTIONS = sorted(name for name in db.__all__ if inspect.isfunction(getattr(db, name)) and name != "law_of")

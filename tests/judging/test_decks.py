@@ -290,6 +290,10 @@ def test_atoms_of_a_deck_that_is_no_scene_stay_in_their_order(tmp_path: Path, mo
     assert copied(tmp_path, monkeypatch, written=written)["dump"] == written
 
 
+def _read_from_an_end(text: str, reverse: bool, **words: Any) -> SimpleNamespace:
+    return SimpleNamespace(scene=int(reverse), line=SimpleNamespace(sign=-1.0 if reverse else 1.0))
+
+
 def test_a_deck_is_read_from_the_end_at_which_it_is_most_like_the_scene(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -298,7 +302,7 @@ def test_a_deck_is_read_from_the_end_at_which_it_is_most_like_the_scene(
     plain = deck.user_deck(path, PAIR)
     assert (plain.read, plain.mirrored, len(plain.problems)) == (None, False, 1)
     assert [command.text for command in plain.commands] == ["units si", "print here"]
-    plant(monkeypatch, Seam.READ_DECK, lambda text, reverse, **words: SimpleNamespace(scene=int(reverse)))
+    plant(monkeypatch, Seam.READ_DECK, _read_from_an_end)
     for counts, mirrored in (((2, 2), False), ((2, 1), True), ((1, 2), False)):
         plant(monkeypatch, Seam.DECK_DIFFERENCES, lambda scene, end, counts=counts: range(counts[end]))
         user: Any = deck.user_deck(path, PAIR)

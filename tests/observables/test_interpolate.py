@@ -17,11 +17,13 @@ from dem_bridge.observables.interpolate import (
     acceleration,
     hermite,
     integrals,
+    piston_contact,
     require_forces,
     require_known_forces,
     root_between,
     spacing,
     state_at,
+    touch_times,
     with_wall,
 )
 from dem_bridge.scene.drive import Drive
@@ -215,3 +217,30 @@ def test_a_force_that_observables_do_not_know_is_named(monkeypatch: pytest.Monke
 def test_walls_are_at_rest_beside_the_bodies() -> None:
     motion = np.arange(6.0).reshape(3, 2) + 1.0
     assert with_wall(motion).tolist() == [[1.0, 2.0, 0.0], [3.0, 4.0, 0.0], [5.0, 6.0, 0.0]]
+
+
+def test_a_piston_and_the_body_before_it_part_as_their_velocities_say() -> None:
+    # the piston moves at 0.3 m/s and body 1, which rests, is 1 um away: they touch after 1/0.3 us
+    scene = Scene(
+        name="pushed", duration=3e-6, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.3, 0.0), gap=1e-6,
+        drive=db.Piston(shape="constant", velocity=0.3), samples=12,
+    )  # fmt: skip
+    run = db.solve(scene, backend="reference")
+    overlap, closing = piston_contact(scene, run, np.array([[1e-6], [2.5e-6]]))
+    # round-off of displacements of 1 um
+    assert overlap[:, 0] == pytest.approx([-0.7e-6, -0.25e-6], abs=1e-20)
+    assert closing[:, 0] == pytest.approx([0.3, 0.3], rel=1e-14)
+
+
+def test_times_of_touch_are_found_between_samples_and_approached() -> None:
+    # two bodies meet after 2 us at 0.5 m/s and part at the end of the contact; samples are 10 us apart
+    scene = Scene(
+        name="meet", duration=2e-4, mass=(1e-2, 1e-2), stiffness=(4e9,), velocity=(0.5, 0.0), gap=1e-6, samples=20
+    )
+    run = db.solve(scene, backend="reference")
+    overlap = run.displacement[:, :1] - run.displacement[:, 1:] - 1e-6
+    times = touch_times(run, overlap, run.velocity[:, :1] - run.velocity[:, 1:])
+    assert not touch_times(run, -np.abs(overlap), 0.0 * overlap).size
+    # the cubic between samples is exact in free flight and differs by the contact within its interval
+    assert np.min(np.abs(times - 2e-6)) < 0.5e-6
+    assert len(times) == 2 * (1 + 2 * 12)
