@@ -111,18 +111,7 @@ def verify(
     from dem_bridge.verification.under_way import write_pages
     from dem_bridge.verification.verify import DEFAULT_ACCURACY, verify_scenes
 
-    if scenes is None:
-        scenes = [PAPER]
-    elif isinstance(scenes, Scene | str | Path):
-        scenes = [scenes]
-    if len(scenes) == 0:
-        raise UsageError(f"scenes = []; allowed: one or more scenes, or {PAPER!r} (or None) for the whole paper")
-    whole = any(isinstance(s, str) and s == PAPER for s in scenes)
-    if whole and len(scenes) > 1:
-        raise UsageError(f"{PAPER!r} stands for all shipped scenes, and other scenes are named as well; give it alone")
-    if whole and dt is not None:
-        raise UsageError(f"dt = {dt!r} was given for {PAPER!r}, whose scenes have their own steps; name the scenes")
-    chosen = [] if whole else [_scene_or_script(scene) for scene in scenes]
+    chosen = _chosen(scenes, dt)
     accuracy = checked_accuracy(DEFAULT_ACCURACY if accuracy is None else accuracy)
     if folder is not None:
         check_report_folder(Path(folder))
@@ -141,7 +130,7 @@ def verify(
     }
     with write_pages(None if folder is None else Path(folder), accuracy) as under_way:
         settings["under_way"] = under_way
-        if whole:
+        if chosen is None:
             verification: Verification = guest_named(VERIFICATIONS, PAPER, f"verify {PAPER}")(**settings)
         else:
             step = Resolution(dt=dt).dt
@@ -152,6 +141,22 @@ def verify(
         verification = replace(verification, notes=(*verification.notes, under_way.trouble))
     write_found(verification, folder=folder, bundle=bundle, engine=lammps, store=kept)
     return verification
+
+
+def _chosen(scenes: Scene | str | Path | Sequence[Scene | str | Path] | None, dt: float | None) -> list[Scene] | None:
+    """Return the scenes that are named, or None for the whole paper."""
+    if scenes is None:
+        scenes = [PAPER]
+    elif isinstance(scenes, Scene | str | Path):
+        scenes = [scenes]
+    if len(scenes) == 0:
+        raise UsageError(f"scenes = []; allowed: one or more scenes, or {PAPER!r} (or None) for the whole paper")
+    whole = any(isinstance(s, str) and s == PAPER for s in scenes)
+    if whole and len(scenes) > 1:
+        raise UsageError(f"{PAPER!r} stands for all shipped scenes, and other scenes are named as well; give it alone")
+    if whole and dt is not None:
+        raise UsageError(f"dt = {dt!r} was given for {PAPER!r}, whose scenes have their own steps; name the scenes")
+    return None if whole else [_scene_or_script(scene) for scene in scenes]
 
 
 def _scene_or_script(source: Scene | str | Path) -> Scene:

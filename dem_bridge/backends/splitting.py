@@ -276,6 +276,34 @@ def table_force(row: int, overlap: float, tables: Tables) -> float:
     return r * pair_force(squared, cells[0], cells[1], cells[2], cells[3], tables.value[row], tables.second[row])
 
 
+@kernel(nogil=False)
+def overlaps_of_positions(position: Floats, frame: Frame, contacts: Laws, links: int, overlap: Floats) -> None:
+    """Write the overlap of each contact, as positions that are rounded have it."""
+    walls = position.shape[0]
+    for k in range(links):
+        overlap[k] = frame.reach[k] - (position[k + 1] - position[k])
+    for k in range(links, overlap.shape[0]):
+        if contacts.left[k] == walls:
+            overlap[k] = frame.reach[k] - (position[contacts.right[k]] - frame.wall[k])
+        else:
+            overlap[k] = frame.reach[k] - (frame.wall[k] - position[contacts.left[k]])
+
+
+@kernel(nogil=False)
+def add_contact_forces(force: Floats, contacts: Laws, links: int, net: Floats) -> None:
+    """Add contact forces to the net forces of bodies from the left to the right, that of a left wall first."""
+    walls = net.shape[0] - 1
+    for k in range(links, force.shape[0]):
+        if contacts.left[k] == walls:
+            net[contacts.right[k]] += force[k]
+    for k in range(links):
+        net[k] -= force[k]
+        net[k + 1] += force[k]
+    for k in range(links, force.shape[0]):
+        if contacts.right[k] == walls:
+            net[contacts.left[k]] -= force[k]
+
+
 @kernel()
 def integrate(
     mass: Floats, velocity: Floats, contacts: Laws, links: int, drag: float, gravity: float, load: Floats,
@@ -291,7 +319,7 @@ def integrate(
     dt -> dt/2, so such runs repeat bit for bit.
     """
     left, right, stiffness, exponent, gap, damping, damping_power, clip, pull_off = contacts
-    (drifts, kicks), (reach, start, wall) = method, frame
+    (drifts, kicks), reach, start = method, frame.reach, frame.start
     n_body, n_contact, n_dense = mass.shape[0], left.shape[0], dense_steps.shape[0]
     tabled, curved = tables.law.shape[0] > 0, curves.law.shape[0] > 0
     hertz, damped, adhesive = np.all(exponent == 2.5), np.any(damping > 0.0), np.any(pull_off > 0.0)
@@ -342,13 +370,7 @@ def integrate(
                         v[0] = given
                 if positional:
                     # at the start too: there gaps are as rounded positions have them
-                    for k in range(links):
-                        overlap[k] = reach[k] - (position[k + 1] - position[k])
-                    for k in range(links, n_contact):
-                        if left[k] == n_body:
-                            overlap[k] = reach[k] - (position[right[k]] - wall[k])
-                        else:
-                            overlap[k] = reach[k] - (wall[k] - position[left[k]])
+                    overlaps_of_positions(position, frame, contacts, links, overlap)
                 for k in range(n_contact):
                     closed = max(overlap[k], 0.0)
                     row_of = tables.law[k] if tabled else -1
@@ -381,16 +403,7 @@ def integrate(
                 if drag > 0.0:
                     for i in range(n_body):
                         net[i] -= drag * mass[i] * v[i]
-                # from the left to the right, a left wall's first
-                for k in range(links, n_contact):
-                    if left[k] == n_body:
-                        net[right[k]] += force[k]
-                for k in range(links):
-                    net[k] -= force[k]
-                    net[k + 1] += force[k]
-                for k in range(links, n_contact):
-                    if right[k] == n_body:
-                        net[left[k]] -= force[k]
+                add_contact_forces(force, contacts, links, net)
                 if step > 0:
                     for i in range(n_body):
                         v[i] += kicks[stage + 1] * push[i] * net[i]

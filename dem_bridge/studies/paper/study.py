@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import chain
@@ -138,16 +138,7 @@ def verify_paper(
         return read_paper(studies, accuracy, runs, scattered, requested, (rule_of_thumb.table(judged),))
 
     results = [*chain(*of_scenes, of_changed, *of_sets, *of_models, *of_thumbs)]
-    paper = recall(
-        store,
-        "paper",
-        [result.key for result in results],
-        read,
-        kinds=PARTS,
-        scenes=[result.case.scene for result in results],
-        accuracy=accuracy,
-        extent=asdict(extent),
-    )
+    paper = _recalled(store, results, read, accuracy=accuracy, extent=asdict(extent))
     verification = verification_of(
         studies,
         accuracy=accuracy,
@@ -155,6 +146,14 @@ def verify_paper(
         notes=(store.trouble,) if store is not None and store.trouble else (),
     )
     return with_paper(verification, paper)
+
+
+def _recalled(
+    store: Store | None, results: Sequence[Result], read: Callable[[], dict[str, Any]], **settings: Any
+) -> dict[str, Any]:
+    """Return what was read off runs, from the store if these runs have been read with these settings."""
+    keys, scenes = [result.key for result in results], [result.case.scene for result in results]
+    return recall(store, "paper", keys, read, kinds=PARTS, scenes=scenes, **settings)
 
 
 def _plan(scene: Scene, *, accuracy: float, engine: Engine | None, cache: RunCache) -> ScenePlan:
