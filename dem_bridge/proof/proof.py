@@ -12,6 +12,7 @@ import numpy as np
 
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.compiled import Floats
+from dem_bridge.foundation.numbers import is_within
 from dem_bridge.proof.balls import library
 from dem_bridge.proof.certificate import document_of, read_record, write_document
 from dem_bridge.proof.flow import Ball
@@ -149,6 +150,6 @@ def _up(value: Fraction) -> float:
 
 def checked_digits(digits: object) -> int:
     """Return the number of digits; raise UsageError unless it is a whole number from 1 to 60."""
-    if isinstance(digits, int) and not isinstance(digits, bool) and 1 <= digits <= 60:
-        return digits
+    if is_within(digits, whole=True, at_least=1, at_most=60):
+        return int(digits)
     raise UsageError(f"digits = {digits!r}; allowed: a whole number from 1 to 60")
