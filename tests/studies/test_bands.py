@@ -159,7 +159,7 @@ def test_codes_are_not_judged_by_edges_that_the_theory_does_not_have(why: str, o
 @pytest.mark.parametrize(
     ("scene", "words"),
     [
-        (replace(BAR, drive=None), "is not driven"),
+        (replace(BAR, drive=None), "is driven by no force"),
         (replace(BAR, precompression=0.0), "not precompressed"),
         (replace(BAR, drive=db.Drive(shape="sine", force=0.02, frequency=3e3)), "one frequency"),
         # its end is hidden by the window

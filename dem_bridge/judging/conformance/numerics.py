@@ -9,6 +9,7 @@ import numpy as np
 
 from dem_bridge.judging.conformance.explain import Behaviour
 from dem_bridge.judging.conformance.limit import CLEAN_ORDER
+from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Floats
 
 #: part of a difference between two steps that a delay may leave: the slope over a sampling interval is not exact
@@ -53,7 +54,7 @@ def momentum_drift(behaviour: Behaviour) -> float:
     velocity, mass = behaviour.files[-1].values["velocity"], np.array(behaviour.probe.scene.mass)
     momentum = velocity @ mass
     scale = float(np.max(np.abs(velocity) @ mass))
-    return float(np.max(np.abs(momentum - momentum[0]))) / scale if scale > 0.0 else 0.0
+    return relative_size(float(np.max(np.abs(momentum - momentum[0]))), scale)
 
 
 def momentum_by_digits(behaviour: Behaviour) -> float:
@@ -61,7 +62,7 @@ def momentum_by_digits(behaviour: Behaviour) -> float:
     mass = np.array(behaviour.probe.scene.mass)
     velocity = behaviour.files[-1].values["velocity"]
     scale = float(np.max(np.abs(velocity) @ mass))
-    return 2.0 * behaviour.files[-1].digits["velocity"] * float(mass.sum()) / scale if scale > 0.0 else 0.0
+    return relative_size(2.0 * behaviour.files[-1].digits["velocity"] * float(mass.sum()), scale)
 
 
 def energy_change(behaviour: Behaviour) -> float | None:
