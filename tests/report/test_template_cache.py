@@ -33,7 +33,8 @@ def _filled(text: str = "{{ 1 + 1 }} {{ name }}") -> str:
 
 
 def test_a_template_is_kept_once_for_each_text(folder: Path) -> None:
-    assert _filled() == _filled() == "2 of two"
+    first, again = _filled(), _filled()
+    assert (first, again) == ("2 of two", "2 of two")
     [file] = folder.iterdir()
     assert _filled("{{ name }}") == "of two"
     assert len(list(folder.iterdir())) == 2
