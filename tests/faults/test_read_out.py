@@ -97,7 +97,7 @@ READINGS: dict[str, Fault[Substitution]] = {
         plant=(READ_OFF, KEEP, f"peak_force = np.max(dense.force, axis=0); {KEEP}"), shows=shown("peak_force")
     ),
     "a curve without accelerations": Fault(
-        plant=(DENSE, "at_rest_beside(net * deck.mobility)", "at_rest_beside(0.0 * net)"),
+        plant=(DENSE, "at_rest_beside(acceleration)", "at_rest_beside(0.0 * net)"),
         shows=shown("peak_force", "crossing_time") | minus(REFERENCE, "residence_time"),
     ),
 }
