@@ -35,6 +35,10 @@ _SCENES = ("scene", "scene.json", "scene.toml", "deck")
 _ALLOWED = "{scene} or {scene.json}, {scene.toml}, {deck}, {dt}, and {out} or {out.ENDING} such as {out.csv}"
 
 
+class OutOfTime(RunBroken):
+    """A run of a code that did not end within its time limit."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ForeignRun:
     """One run of a foreign code; times in s, those of the whole process."""
@@ -177,7 +181,7 @@ def _run(command: Command, scene: Scene, dt: float, folder: Path, time_limit: fl
     try:
         ended = run_program(command.filled(values), work, time_limit=time_limit, stdout=stdout, stderr=stderr)
     except TimeoutError:
-        raise RunBroken(
+        raise OutOfTime(
             f"{name} did not end within the time limit of {time_limit:g} s and was stopped; give a larger"
             " --time-limit or larger time steps (--dt)"
         ) from None

@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 from dem_bridge.physics.numbers import above, not_negative, number
 
@@ -274,8 +274,28 @@ def alpha_of_tsuji(e: float) -> float:
     return math.sqrt(2.0) * alpha
 
 
-def _alpha_of_tsuji_without_prefactor(e: float) -> float:
-    """Return the factor alpha by which LAMMPS damped with ``tsuji`` until July 2026: sqrt(2) is missing."""
+def alpha_of_tsuji_without_sqrt2(e: float) -> float:
+    """Return the factor alpha by which LAMMPS damped with ``tsuji`` until July 2026: sqrt(2) is missing.
+
+    Parameters
+    ----------
+    e : float
+        The coefficient that is written, 0 < e <= 1.
+
+    Raises
+    ------
+    ValueError
+        If e is outside this range.
+
+    References
+    ----------
+    Marshall, J. S. 2009, *J. Comput. Phys.* 228, 1541, for the polynomial; lammps#5113 for the prefactor.
+
+    Examples
+    --------
+    >>> round(alpha_of_tsuji_without_sqrt2(0.5), 5)
+    0.34094
+    """
     return alpha_of_tsuji(e) / math.sqrt(2.0)
 
 
@@ -406,8 +426,11 @@ def bounce_heights(*, height: float, restitution: float, bounces: int) -> tuple[
 
 def _alpha_function(law: str) -> Callable[[float], float]:
     """Return the function that computes alpha from the coefficient that is written."""
-    if law not in get_args(RestitutionLaw):
-        raise ValueError(f"law = {law!r}; allowed: {', '.join(map(repr, get_args(RestitutionLaw)))}")
-    if law == "tsuji_without_sqrt2":
-        return _alpha_of_tsuji_without_prefactor
-    return alpha_of_tsuji if law == "tsuji" else alpha_of_restitution
+    functions: dict[str, Callable[[float], float]] = {
+        "coeff_restitution": alpha_of_restitution,
+        "tsuji": alpha_of_tsuji,
+        "tsuji_without_sqrt2": alpha_of_tsuji_without_sqrt2,
+    }
+    if law not in functions:
+        raise ValueError(f"law = {law!r}; allowed: {', '.join(map(repr, functions))}")
+    return functions[law]

@@ -93,10 +93,7 @@ def rows(grades):
             f"{n['phase'].get('late_steps_of_velocity', 0.0):.2f}",
             f"{n['digits'].get('digits', 0.0):.1f}",
             *(share(step.get(key)) for key in ("stable", "error_0.01")),
-            "; ".join(
-                f"`{item.name}`: {item.cause if item.outcome.value == 'FAIL' else item.outcome.value}" for item in bad
-            )
-            or "-",
+            "; ".join(f"`{item.name}`: {failing(item)}" for item in bad) or "-",
         ]
         yield f"| {' | '.join(cells)} |"
 

@@ -18,7 +18,7 @@ from dem_bridge.lmp.known_defects import KnownDefect, defects_of
 from dem_bridge.lmp.reader.evaluation import UNITS
 from dem_bridge.lmp.reader.mixing import mixing_warning
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.physics.damped_impact import alpha_of_tsuji, restitution_of_alpha
+from dem_bridge.physics.damped_impact import alpha_of_tsuji_without_sqrt2, restitution_of_alpha
 
 #: relative difference of LAMMPS from our code at the same step that only round-off explains, and the multiple of what a
 #: particle radius changes that counts as round-off, too
@@ -242,7 +242,7 @@ def _restitution(lab: Laboratory) -> str:
         return ""
     asked = float(np.atleast_1d(damping.coefficient)[0])
     n = float(lab.scene.contacts.exponent[0]) if lab.scene is not None else 2.5
-    obtained = restitution_of_alpha(alpha_of_tsuji(asked) / math.sqrt(2.0), clip=bool(damping.clip), exponent=n)
+    obtained = restitution_of_alpha(alpha_of_tsuji_without_sqrt2(asked), clip=bool(damping.clip), exponent=n)
     return f"you ask for e = {asked:g} and get {obtained:.3f}; "
 
 

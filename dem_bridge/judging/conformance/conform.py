@@ -20,6 +20,7 @@ from dem_bridge.judging.conformance import stored
 from dem_bridge.judging.conformance.answer import RECORD, SCHEMA, Conformance
 from dem_bridge.judging.conformance.explain import Behaviour, behaviour_of
 from dem_bridge.judging.conformance.grade import Evidence, grade
+from dem_bridge.judging.conformance.items import Item
 from dem_bridge.judging.conformance.limit import Samples, samples_of
 from dem_bridge.judging.conformance.properties import LargeStep
 from dem_bridge.judging.conformance.running import SCENE, TIME_LIMIT_S, Function, Run, run_all
@@ -146,7 +147,7 @@ def _probes(features: Sequence[str], count: int, seed: int) -> tuple[Probe, ...]
     return (*frozen, *unseen_probes(features, count, seed))
 
 
-def _graded(folder: Path, features: Sequence[str], count: int, seed: int, runs: Sequence[Run]) -> tuple[Any, ...]:
+def _graded(folder: Path, features: Sequence[str], count: int, seed: int, runs: Sequence[Run]) -> tuple[Item, ...]:
     """Return the items of runs whose files are below a folder."""
     probes = _probes(features, count, seed)
     behaviours: dict[str, Behaviour] = {}

@@ -161,12 +161,12 @@ class Motions:
         best = family.make(family.starts[0])
         least = math.inf
         for start in family.starts:
-            number, left = self._fit(family, start)
+            number, left = self.fit(family, start)
             if left < least:
                 best, least = family.make(number), left
         return best, least
 
-    def _fit(self, family: Family, number: float) -> tuple[float, float]:
+    def fit(self, family: Family, number: float) -> tuple[float, float]:
         """Return the number of a family by Gauss-Newton from a start, and the difference that it leaves."""
         best, least, first = number, math.inf, math.inf
         for step in range(_MOST_FIT_STEPS):
@@ -225,10 +225,8 @@ def explain(behaviour: Behaviour, known: Sequence[Fault], *, first: bool = True,
 
 def fitted_exponent(behaviour: Behaviour, known: Sequence[Fault]) -> float:
     """Return the exponent n of the contact force overlap^(n-1) that fits the limit of a code best."""
-    motions = Motions(behaviour, known)
 
     def with_exponent(n: float) -> Fault:
-        return Fault("exponent", "exponent", f"{n!r}", lambda scene: replace(scene, exponent=n))
+        return Fault("exponent", "exponent", "", lambda scene: replace(scene, exponent=n))
 
-    fault, _ = motions.fitted(Family(with_exponent, (2.49,)))
-    return float(fault.sentence)
+    return Motions(behaviour, known).fit(Family(with_exponent, ()), 2.49)[0]

@@ -11,7 +11,12 @@ import numpy as np
 
 from dem_bridge.judging.conformance.faults import Candidate, Change, Fault, bodies, changed, family, laws, readings
 from dem_bridge.judging.conformance.scenes import Probe
-from dem_bridge.physics.damped_impact import alpha_of_restitution, alpha_of_tsuji
+from dem_bridge.physics.damped_impact import (
+    alpha_of_restitution,
+    alpha_of_tsuji,
+    alpha_of_tsuji_without_sqrt2,
+    restitution_of_alpha,
+)
 from dem_bridge.scene.damping import BY_RESTITUTION
 from dem_bridge.scene.scene import Damping, Scene, Wall
 
@@ -127,12 +132,10 @@ def _exchanged(scene: Scene) -> Scene:
     left, right = scene.wall_left, scene.wall_right
     if left is None or right is None:
         return scene
-    exchanged = {
-        "wall_left": replace(left, stiffness=right.stiffness),
-        "wall_right": replace(right, stiffness=left.stiffness),
-    }
-    return changed("wall_right", lambda _: exchanged["wall_right"])(
-        changed("wall_left", lambda _: exchanged["wall_left"])(scene)
+    return replace(
+        scene,
+        wall_left=replace(left, stiffness=right.stiffness),
+        wall_right=replace(right, stiffness=left.stiffness),
     )
 
 
@@ -239,7 +242,7 @@ def _other_alphas(damping: Damping, clip: bool, also: str) -> Iterator[Fault]:
         return Fault(cause, "restitution", f"{words}{also}.", lambda scene: _with_alpha(scene, alpha, clip))
 
     lammps = f"{TSUJI_OF_LAMMPS}: the prefactor of the polynomial is 1 in place of sqrt 2"
-    yield fault(lammps, lambda e: alpha_of_tsuji(e) / math.sqrt(2.0), TSUJI_OF_LAMMPS)
+    yield fault(lammps, alpha_of_tsuji_without_sqrt2, TSUJI_OF_LAMMPS)
     table: dict[str, Callable[[float], float]] = {
         "The factor is that of coeff_restitution, the exact inverse of the restitution": alpha_of_restitution,
         "The factor is that of tsuji, Marshall's polynomial": alpha_of_tsuji,
@@ -262,13 +265,10 @@ def _with_alpha(scene: Scene, alpha: Callable[[float], float], clip: bool) -> Sc
         return scene
     coefficients = zip(damping.coefficient, scene.contacts.exponent.tolist(), strict=True)
     # the law coeff_restitution has the factor alpha at this restitution: its exact inverse, alpha^2 < 2 n
-    values = tuple(_restitution_of(min(alpha(e), 0.99 * math.sqrt(2.0 * n)), n) for e, n in coefficients)
+    values = tuple(
+        restitution_of_alpha(min(alpha(e), 0.99 * math.sqrt(2.0 * n)), clip=False, exponent=n) for e, n in coefficients
+    )
     return replace(scene, damping=Damping(law="coeff_restitution", coefficient=values, clip=clip))
-
-
-def _restitution_of(alpha: float, n: float) -> float:
-    """Return the coefficient with which the law coeff_restitution has the factor alpha."""
-    return math.exp(-math.pi * alpha / math.sqrt(2.0 * n - alpha * alpha))
 
 
 def _more_damped(clip: bool) -> Callable[[float], Change]:

@@ -19,7 +19,7 @@ from dem_bridge.judging.conformance.explain import (
     fitted_exponent,
 )
 from dem_bridge.judging.conformance.faults import Fault
-from dem_bridge.judging.conformance.items import QUESTIONS, Item, failed_item
+from dem_bridge.judging.conformance.items import QUESTIONS, Item, failed_item, failure_item, not_run_item, passed_item
 from dem_bridge.judging.conformance.properties import BASE, LargeStep, property_items
 from dem_bridge.judging.conformance.scenes import FEATURES, Probe, frozen_probes
 from dem_bridge.judging.conformance.unseen import unseen_item
@@ -154,20 +154,19 @@ class _Answers:
         elif not items:
             lacking = {feature for probe in probes for feature in probe.features - {*features}}
             missing = " or ".join(feature for feature in FEATURES if feature in lacking)
-            sentence = f"Not asked: the code does not declare {missing}."
-            items = [Item(name=name, scene="", outcome=Outcome.NOT_RUN, sentence=sentence)]
+            items = [not_run_item(name, f"the code does not declare {missing}")]
         return items
 
     def exponent(self, features: Sequence[str]) -> Item:
         """Return the item on the exponent of Hertz contacts, which the scene of the law decides."""
         (probe,) = (probe for probe in frozen_probes() if probe.question == "law")
         name, scene = "exponent", probe.scene.name
-        if failure := next((failure for failure in self.failures if failure.item == name), None):
-            return failed_item(name, failure.scene, failure.fault.sentence, failure.fault.cause)
+        if failed := failure_item(name, self.failures):
+            return failed
         item = self._scene(probe) if probe.features <= {*features} else None
         if item is None or item.outcome is Outcome.BROKEN:
             reason = "the code does not declare hertz" if item is None else f"the scene {scene} has no files"
-            return Item(name=name, scene="", outcome=Outcome.NOT_RUN, sentence=f"Not asked: {reason}.")
+            return not_run_item(name, reason)
         own = [failure.fault for failure in self.failures if failure.scene == scene]
         if item.outcome is Outcome.FAIL and not own:
             sentence = "The difference from the law is not explained, so that its exponent cannot be told."
@@ -175,8 +174,7 @@ class _Answers:
         if item.outcome in (Outcome.UNDECIDED, Outcome.NOT_RUN):
             return replace(item, name=name)
         n = fitted_exponent(self.evidence.behaviours[scene], own)
-        sentence = f"The force goes as overlap^{n - 1.0:.6f}; Hertz: 1.5."
-        return Item(name=name, scene=scene, outcome=Outcome.PASS, sentence=sentence, numbers={"exponent": n})
+        return passed_item(name, scene, f"The force goes as overlap^{n - 1.0:.6f}; Hertz: 1.5.", {"exponent": n})
 
     def _scene(self, probe: Probe) -> Item:
         """Return the item that one frozen scene decides."""

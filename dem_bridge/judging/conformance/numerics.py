@@ -51,18 +51,19 @@ def delay_of(behaviour: Behaviour, name: str) -> Delay | None:
 
 def momentum_drift(behaviour: Behaviour) -> float:
     """Return the largest change of the momentum in the finest file, relative to the sum of the magnitudes."""
-    velocity, mass = behaviour.files[-1].values["velocity"], np.array(behaviour.probe.scene.mass)
-    momentum = velocity @ mass
-    scale = float(np.max(np.abs(velocity) @ mass))
-    return relative_size(float(np.max(np.abs(momentum - momentum[0]))), scale)
+    momentum = behaviour.files[-1].values["velocity"] @ np.array(behaviour.probe.scene.mass)
+    return relative_size(float(np.max(np.abs(momentum - momentum[0]))), _magnitudes_of_momentum(behaviour))
 
 
 def momentum_by_digits(behaviour: Behaviour) -> float:
     """Return the change of the momentum that the digits of the finest file explain, relative to the same."""
-    mass = np.array(behaviour.probe.scene.mass)
-    velocity = behaviour.files[-1].values["velocity"]
-    scale = float(np.max(np.abs(velocity) @ mass))
-    return relative_size(2.0 * behaviour.files[-1].digits["velocity"] * float(mass.sum()), scale)
+    by_digits = 2.0 * behaviour.files[-1].digits["velocity"] * float(np.sum(behaviour.probe.scene.mass))
+    return relative_size(by_digits, _magnitudes_of_momentum(behaviour))
+
+
+def _magnitudes_of_momentum(behaviour: Behaviour) -> float:
+    """Return the largest sum of the magnitudes of the momenta of all bodies in the finest file, kg m/s."""
+    return float(np.max(np.abs(behaviour.files[-1].values["velocity"]) @ np.array(behaviour.probe.scene.mass)))
 
 
 def energy_change(behaviour: Behaviour) -> float | None:

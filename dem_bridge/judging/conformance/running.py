@@ -11,7 +11,7 @@ from typing import Any
 from dem_bridge.errors import DemBridgeError, RunBroken, one_line
 from dem_bridge.foundation.files import MOST_BYTES
 from dem_bridge.judging.conformance.scenes import Probe, steps_of
-from dem_bridge.judging.foreign import Command, foreign_runs
+from dem_bridge.judging.foreign import Command, OutOfTime, foreign_runs
 from dem_bridge.scene.file.write import scene_json
 from dem_bridge.scene.scene import Scene
 
@@ -21,8 +21,6 @@ TIME_LIMIT_S = 60.0
 SCENE = "scene.json"
 #: scenes in a row that do not end in time, after which no further one is run
 MOST_HANGING_SCENES = 3
-#: words of the message of a run that did not end in time
-_TIME_LIMIT = "within the time limit"
 #: a function in place of a command: it writes the samples of a scene at a time step (s) into a file
 Function = Callable[[Scene, float, Path], object]
 
@@ -67,24 +65,27 @@ def run_all(
             return runs
         if progress is not None:
             progress(number, total, f"{probe.scene.name} at {len(probe.steps)} steps")
-        runs += _scene_runs(code, probe.scene, probe.steps, folder, time_limit, go_on=False)
-        hanging = hanging + 1 if _TIME_LIMIT in runs[-1].problem else 0
+        of_scene, in_time = _scene_runs(code, probe.scene, probe.steps, folder, time_limit, go_on=False)
+        runs += of_scene
+        hanging = 0 if in_time else hanging + 1
     if probes and probes[0].frozen and all(not run.problem for run in runs if run.scene == probes[0].scene.name):
         scene, counts = steps_of(probes[0])
         if progress is not None:
             progress(len(probes), total, "the largest step")
         interval = scene.duration / scene.samples
         # from fine to coarse: a code that hangs at a large step is not run at larger ones
-        runs += _scene_runs(
-            code, scene, [interval / count for count in reversed(counts)], folder, time_limit, go_on=True
-        )
+        steps = [interval / count for count in reversed(counts)]
+        runs += _scene_runs(code, scene, steps, folder, time_limit, go_on=True)[0]
     return runs
 
 
 def _scene_runs(
     code: Command | Function, scene: Scene, steps: Sequence[float], folder: Path, time_limit: float, *, go_on: bool
-) -> list[Run]:
-    """Run a code on one scene at several steps; ``go_on``: also after a run that failed within the time limit."""
+) -> tuple[list[Run], bool]:
+    """Run a code on one scene at several steps, and tell whether all runs ended in time.
+
+    ``go_on``: also after a run that failed within the time limit.
+    """
     home = folder / "files" / scene.name
     home.mkdir(parents=True)
     (home / SCENE).write_text(scene_json(scene), encoding="utf-8")
@@ -97,9 +98,11 @@ def _scene_runs(
             runs.append(Run(scene=scene.name, dt=dt, out=str(out.relative_to(folder)), cpu=cpu))
         except RunBroken as error:
             runs.append(Run(scene=scene.name, dt=dt, problem=str(error)))
-            if not go_on or _TIME_LIMIT in str(error):
+            if isinstance(error, OutOfTime):
+                return runs, False
+            if not go_on:
                 break
-    return runs
+    return runs, True
 
 
 def _run(code: Command | Function, scene: Scene, dt: float, place: Path, time_limit: float) -> tuple[Path, float]:

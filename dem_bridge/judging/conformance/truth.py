@@ -46,10 +46,8 @@ def truth_of(probe: Probe) -> Truth:
     ([0.0, 0.5], True)
     """
     if probe.frozen:
-        return _truth(
-            {name: np.array(rows) for name, rows in _shipped(probe).items() if name in QUANTITIES},
-            _shipped(probe)["uncertainty"],
-        )
+        shipped = _shipped(probe)
+        return _truth({name: np.array(shipped[name]) for name in QUANTITIES}, shipped["uncertainty"])
     return computed_truth(probe.scene)
 
 
