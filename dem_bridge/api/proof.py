@@ -52,7 +52,7 @@ def prove(scene: Scene | str | Path, digits: int = 16, *, file: str | Path | Non
     >>> proof.velocity[-1].tolist(), bool((proof.velocity_radius <= 1e-16).all())
     ([0.0, 0.5], True)
     >>> [(touch.contact, touch.closes, f"{float(touch.time[0]):.9e}") for touch in proof.touches]
-    [(0, True, '2.000000000e-06'), (0, False, '6.286962361e-05')]
+    [(0, True, '2.000000000e-06'), (0, False, '6.605674674e-05')]
     """
     check_arguments(prove, locals())
     from dem_bridge.proof.proof import checked_digits, prove_scene  # an extra

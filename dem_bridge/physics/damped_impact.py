@@ -294,7 +294,7 @@ def alpha_of_tsuji_without_sqrt2(e: float) -> float:
     Examples
     --------
     >>> round(alpha_of_tsuji_without_sqrt2(0.5), 5)
-    0.34094
+    0.34074
     """
     return alpha_of_tsuji(e) / math.sqrt(2.0)
 

@@ -42,8 +42,12 @@ from tests.helpers.no_support import NOTHING
 
 Changes = list[tuple[str, str]]
 
-#: the plain kernel's; the fast one answers the same to the last bit, see tests/backends/test_splitting.py
-SOURCE = inspect.getsource(splitting.integrate.py_func)
+#: the plain kernel's and that of what it calls, without their decorators; the fast one answers the same to the last bit,
+#: see tests/backends/test_splitting.py
+SOURCE = "".join(
+    inspect.getsource(part.py_func).split("\n", 1)[1]
+    for part in (splitting.overlaps_of_positions, splitting.add_contact_forces, splitting.integrate)
+)
 
 #: what is written -> what is planted, in the twin's own source
 TWIN_FAULTS: dict[str, Fault[Changes]] = {
@@ -90,7 +94,7 @@ def _with_twin(bench: Bench, monkeypatch: pytest.MonkeyPatch, changes: Changes) 
         assert old in text, f"the twin's source has changed: {old!r} is not in it"
         text = text.replace(old, new)
     names: dict[str, Any] = {"np": np, "driving_force": driven.driving_force, "piston_motion": driven.piston_motion}
-    exec(text.split("\n", 1)[1], names)  # without the decorator
+    exec(text, names)
     results = bench.sound_runs
     monkeypatch.setattr(splitting, "integrate", names["integrate"])
     monkeypatch.setattr(splitting, "FUSED", NOTHING)
