@@ -18,53 +18,19 @@ _RESTITUTION = Limits("a number from 0.05 to 1", at_least=0.05, at_most=1.0)
 _ERRORS = Limits("numbers from 1e-8 to 0.1", at_least=1e-8, at_most=0.1)
 
 
+def _given(name: str, text: str, flag: str, *, limits: Limits = POSITIVE, **shown: Any) -> Option:
+    """Return the option of a number that must be given, with a short flag and one of its name."""
+    flags = (flag, f"--{name.replace('_', '-')}")
+    return Option(name, text, float, limits=limits, flags=flags, required=True, **shown)
+
+
 @make_command(
     "contact",
-    Option(
-        "youngs_modulus",
-        "Young's modulus, Pa.",
-        float,
-        unit="Pa",
-        limits=POSITIVE,
-        flags=("--E", "--youngs-modulus"),
-        required=True,
-    ),
-    Option(
-        "poissons_ratio",
-        "Poisson's ratio.",
-        float,
-        metavar="NU",
-        limits=_POISSON,
-        flags=("--nu", "--poissons-ratio"),
-        required=True,
-    ),
-    Option(
-        "density",
-        "Density, kg/m^3.",
-        float,
-        metavar="RHO",
-        limits=POSITIVE,
-        flags=("--rho", "--density"),
-        required=True,
-    ),
-    Option(
-        "radius",
-        "Radius of the sphere, m.",
-        float,
-        unit="m",
-        limits=POSITIVE,
-        flags=("--R", "--radius"),
-        required=True,
-    ),
-    Option(
-        "speed",
-        "Speed of approach, m/s.",
-        float,
-        unit="m/s",
-        limits=POSITIVE,
-        flags=("--v", "--speed"),
-        required=True,
-    ),
+    _given("youngs_modulus", "Young's modulus, Pa.", "--E", unit="Pa"),
+    _given("poissons_ratio", "Poisson's ratio.", "--nu", metavar="NU", limits=_POISSON),
+    _given("density", "Density, kg/m^3.", "--rho", metavar="RHO"),
+    _given("radius", "Radius of the sphere, m.", "--R", unit="m"),
+    _given("speed", "Speed of approach, m/s.", "--v", unit="m/s"),
     Option(
         "restitution",
         "Wanted coefficient of restitution.",

@@ -11,16 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import DemBridgeError
 from dem_bridge.foundation.numbers import whole_number
 from dem_bridge.judging.deck import DeckRun, UserDeck
 from dem_bridge.judging.reference import FileErrors
 from dem_bridge.judging.stated import changed, differences
+from dem_bridge.judging.twin_run import twin_run
 from dem_bridge.lmp.known_defects import defects_of
 from dem_bridge.lmp.reader.evaluation import UNITS
 from dem_bridge.lmp.reader.mixing import mixing_warning
-from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 
@@ -94,10 +93,7 @@ class Twins:
 
     def velocity(self, radius: float | None = None, **changes: Any) -> Floats:
         """Return the velocities, m/s, ``(n_t, n_body)``, of the scene with other fields, or with a particle radius."""
-        resolution, sampling = Resolution(dt=self.dt, surrogate_radius=radius), Sampling(count=self.scene.samples)
-        scene = changed(self.scene, changes) if changes else self.scene
-        case = Case(scene=scene, backend="verlet", resolution=resolution, sampling=sampling, uncertainty=False)
-        return case.solve().velocity
+        return twin_run(changed(self.scene, changes) if changes else self.scene, self.dt, radius).velocity
 
     @cached_property
     def plain(self) -> Floats:

@@ -106,7 +106,7 @@ def measure_scale(scene: Scene) -> Scale:
     shift = np.column_stack([run.displacement, np.zeros(len(run.time))])
     overlap = np.maximum(shift[:, c.left] - shift[:, c.right] - c.gap, 0.0)
     slope = (c.exponent - 1.0) * c.stiffness * overlap ** (c.exponent - 2.0) * (overlap > 0.0)
-    mobility = np.append(1.0 / np.array(scene.mass), 0.0)
+    mobility = scene.mobility
     fastest = math.sqrt(float(np.max(slope * (mobility[c.left] + mobility[c.right]), initial=0.0)))
     speed = float(np.max(np.abs(run.velocity), initial=0.0))
     time = min(1.0 / fastest if fastest > 0.0 else scene.duration, scene.duration)

@@ -177,14 +177,10 @@ def contact_numbers(
         check_number("errors", error, "numbers from 1e-8 to 0.1", at_least=1e-8, at_most=0.1)
     if partner not in get_args(Partner):
         raise UsageError(f"partner = {partner!r}; allowed: {', '.join(get_args(Partner))}")
-    elastic = {"radius": radius, "young": youngs_modulus, "poisson": poissons_ratio}
     try:
         shear = youngs_modulus / (2.0 * (1.0 + poissons_ratio)) if poissons_ratio != -1.0 else math.nan
         rayleigh = rayleigh_time(radius=radius, density=density, modulus=shear, poisson=poissons_ratio)
-        if partner == "sphere":
-            beta = sphere_on_sphere(**elastic).stiffness
-        else:
-            beta = sphere_on_plane(**elastic, young2=math.inf if partner == "rigid-wall" else None).stiffness
+        beta = stiffness_against(partner, radius=radius, young=youngs_modulus, poisson=poissons_ratio)
     except (TypeError, ValueError) as problem:
         raise UsageError(str(problem)) from None
     ball = density * 4.0 / 3.0 * math.pi * radius**3
@@ -218,6 +214,20 @@ def contact_numbers(
         steps=tuple(steps),
         written=tuple(_written(code, law, clip, restitution) for code, law in LAWS.items() for clip in (False, True)),
     )
+
+
+def stiffness_against(partner: str, *, radius: float, young: float, poisson: float) -> float:
+    """Return the Hertz stiffness (N/m^1.5) of a sphere against what it hits; ValueError for impossible numbers.
+
+    Examples
+    --------
+    >>> f"{stiffness_against('rigid-wall', radius=0.1, young=7e10, poisson=0.3):.6g}"
+    '3.24326e+10'
+    """
+    if partner == "sphere":
+        return sphere_on_sphere(radius=radius, young=young, poisson=poisson).stiffness
+    young2 = math.inf if partner == "rigid-wall" else None
+    return sphere_on_plane(radius=radius, young=young, poisson=poisson, young2=young2).stiffness
 
 
 def _written(code: str, law: RestitutionLaw, clip: bool, e: float) -> Written:

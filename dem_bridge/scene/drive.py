@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -86,10 +86,7 @@ class Drive:
             if getattr(self, key) is None:
                 raise SceneError(f"drive.{key}", problem="is missing", allowed=_NUMBERS[key].allowed)
         if self.shape == "table":
-            values = checked_numbers("drive.force", self.force, "a finite number (N)")
-            if len(values) < 2:
-                raise SceneError("drive.force", problem=f"has {len(values)} entries", allowed="at least 2")
-            object.__setattr__(self, "force", values)
+            object.__setattr__(self, "force", checked_table("drive.force", self.force, "N"))
         else:
             check_fields(self, {"force": _NUMBERS["force"]}, "drive.")
         check_fields(self, {key: _NUMBERS[key] for key in keys}, "drive.")
@@ -218,6 +215,25 @@ class Drive:
     def __getstate__(self) -> dict[str, object]:
         """Return the fields alone; cached values are not sent to other processes."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+def checked_table(key: str, values: Sequence[float] | float, unit: str) -> tuple[float, ...]:
+    """Return the values of a table, of which there are at least two; ``key`` and ``unit`` are for messages.
+
+    Raises
+    ------
+    SceneError
+        If there are fewer, or one is not finite.
+
+    Examples
+    --------
+    >>> checked_table("drive.force", [0, 2.5], "N")
+    (0.0, 2.5)
+    """
+    numbers = checked_numbers(key, values, f"a finite number ({unit})")
+    if len(numbers) < 2:
+        raise SceneError(key, problem=f"has {len(numbers)} entries", allowed="at least 2")
+    return numbers
 
 
 def _owners(key: str) -> str:

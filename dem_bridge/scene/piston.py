@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dem_bridge.errors import SceneError
-from dem_bridge.foundation.numbers import Numbers, check_fields, checked_numbers
+from dem_bridge.foundation.numbers import Numbers, check_fields
+from dem_bridge.scene.drive import checked_table
 
 #: parameters of each shape in addition to its velocity; those with a default are optional
 PISTON_KEYS = {"constant": (), "sine": ("frequency", "phase"), "table": ("interval",)}
@@ -80,10 +81,7 @@ class Piston:
             if key in keys and value is None:
                 raise SceneError(f"drive.{key}", problem="is missing", allowed=_NUMBERS[key].allowed)
         if self.shape == "table":
-            values = checked_numbers("drive.velocity", self.velocity, "a finite number (m/s)")
-            if len(values) < 2:
-                raise SceneError("drive.velocity", problem=f"has {len(values)} entries", allowed="at least 2")
-            object.__setattr__(self, "velocity", values)
+            object.__setattr__(self, "velocity", checked_table("drive.velocity", self.velocity, "m/s"))
         else:
             check_fields(self, {"velocity": _VELOCITY[self.shape]}, "drive.")
         check_fields(self, {key: _NUMBERS[key] for key in keys}, "drive.")

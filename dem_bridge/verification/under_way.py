@@ -49,9 +49,8 @@ class UnderWay:
 
     def page(self, *, interrupted: bool = False) -> dict[str, str | bytes]:
         """Return the page, and the tables beside it, by their names."""
-        from dem_bridge.report.page import (
-            study_files,
-        )  # it imports the templates, which a quick verification needs last
+        # it imports the templates, which a quick verification needs last
+        from dem_bridge.report.page import study_files
 
         files = study_files(self.study(interrupted=interrupted), reload=None if interrupted else SECONDS_BETWEEN_PAGES)
         # the verdicts are a file of their own once they are complete

@@ -42,8 +42,8 @@ from tests.helpers.no_support import NOTHING
 
 Changes = list[tuple[str, str]]
 
-#: the plain kernel's and that of what it calls, without their decorators; the fast one answers the same to the last bit,
-#: see tests/backends/test_splitting.py
+#: the plain kernel's and that of what it calls, without their decorators; the fast one answers the same to the last
+#: bit, see tests/backends/test_splitting.py
 SOURCE = "".join(
     inspect.getsource(part.py_func).split("\n", 1)[1]
     for part in (splitting.overlaps_of_positions, splitting.add_contact_forces, splitting.integrate)

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_reason
+from dem_bridge.backends.base import Sampling, backend, unsupported_reason
 from dem_bridge.backends.prescan import Prescan
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import DemBridgeError, RunBroken, UsageError
@@ -29,10 +29,10 @@ from dem_bridge.judging.check.subject import Subject
 from dem_bridge.judging.deck import DeckRun, deck_run, user_deck
 from dem_bridge.judging.reference import ReferenceSamples, reference_at
 from dem_bridge.judging.step import predict_step_error, stability_limit
+from dem_bridge.judging.twin_run import twin_run
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.process import probe
 from dem_bridge.observables.largest_step import StepError
-from dem_bridge.runs.case import Case
 from dem_bridge.runs.planning.predict import Outlook
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
@@ -205,15 +205,8 @@ class Laboratory:
         if (dt, radius, every) not in self._twins:
             self.say(f"velocity Verlet at {dt:.3g} s")
             scene = self.sampled(self.scene, every, count)
-            case = Case(
-                scene=scene,
-                backend="verlet",
-                resolution=Resolution(dt=dt, surrogate_radius=radius),
-                sampling=Sampling(count=scene.samples),
-                uncertainty=False,
-            )
             try:
-                self._twins[dt, radius, every] = case.solve().velocity
+                self._twins[dt, radius, every] = twin_run(scene, dt, radius).velocity
             except RunBroken:
                 self._twins[dt, radius, every] = np.full((scene.samples + 1, scene.n_body), np.nan)
         return self._twins[dt, radius, every]

@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_reason
+from dem_bridge.backends.base import backend, unsupported_reason
 from dem_bridge.errors import DemBridgeError, SceneError
 from dem_bridge.foundation.wording import number, share
 from dem_bridge.judging.check.law import MULTIPLE_OF_RADIUS_CHANGE
 from dem_bridge.judging.deck import UserDeck
+from dem_bridge.judging.twin_run import twin_run, with_wider_gaps
 from dem_bridge.lmp.reader.evaluation import UNITS
 from dem_bridge.observables.verdict import plain
-from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 
@@ -179,13 +179,7 @@ def _motion(deck: UserDeck) -> tuple[_Motion | None, str]:
 
 def _run(scene: Scene, dt: float, steps: int, samples: int, radius: float | None) -> tuple[Floats, Floats]:
     """Return velocities and displacements of our code at so many samples of a run of so many steps."""
-    run = Case(
-        scene=replace(scene, duration=dt * steps, samples=samples),
-        backend="verlet",
-        resolution=Resolution(dt=dt, surrogate_radius=radius),
-        sampling=Sampling(count=samples),
-        uncertainty=False,
-    ).solve()
+    run = twin_run(replace(scene, duration=dt * steps, samples=samples), dt, radius)
     return run.velocity, run.displacement
 
 
@@ -201,9 +195,7 @@ def _start_gaps(deck: UserDeck) -> Floats:
     """Return the gaps of the contacts as the positions of the script have them, m, in the order of the scene."""
     assert deck.read is not None  # checked before
     line, length = deck.read.line, UNITS[deck.state.units][0]
-    gaps = [contact.gap * length for contact in line.contacts]
-    first, last = int(line.left), len(gaps) - int(line.right)
-    return np.array([*gaps[first:last], *gaps[:first], *gaps[last:]])
+    return np.array([line.contacts[k].gap * length for k in line.order])
 
 
 # ---------------------------------------------------------------- contacts
@@ -331,7 +323,7 @@ def _effect(motion: _Motion, tie: Tie) -> float:
     contact, away = tie.contacts[0], 0.5 * abs(float(motion.rate[tie.step, tie.contacts[0]])) * motion.dt
 
     def velocity(by: float) -> Floats:
-        scene = _shifted(motion.scene, contact, by)
+        scene = with_wider_gaps(motion.scene, by * (np.arange(motion.scene.n_contact) == contact))
         return _run(scene, motion.dt, per_sample * samples, samples, None)[0]
 
     try:
@@ -341,20 +333,6 @@ def _effect(motion: _Motion, tie: Tie) -> float:
     except DemBridgeError:
         return math.nan
     return (here if here > _MULTIPLE_OF_ANY_ROUNDING * elsewhere else 0.0) / motion.speed
-
-
-def _shifted(scene: Scene, contact: int, by: float) -> Scene:
-    """Return a scene in which the gap of one contact is wider, by ``by`` m."""
-    inner = scene.n_body - 1
-    if contact < inner:
-        gap = np.array(scene.gap)
-        gap[contact] += by
-        return replace(scene, gap=tuple(gap.tolist()))
-    side = "wall_left" if contact == inner and scene.wall_left is not None else "wall_right"
-    wall = scene.wall_left if side == "wall_left" else scene.wall_right
-    assert wall is not None  # the scene has this contact
-    moved = replace(wall, gap=wall.gap + by)
-    return replace(scene, wall_left=moved) if side == "wall_left" else replace(scene, wall_right=moved)
 
 
 # ---------------------------------------------------------------- times

@@ -11,17 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dem_bridge.backends.base import Resolution, Sampling, backend, unsupported_reason
+from dem_bridge.backends.base import backend, unsupported_reason
 from dem_bridge.errors import BackendUnavailable, DemBridgeError, RunBroken
 from dem_bridge.foundation.wording import number, release, share
 from dem_bridge.judging.check.law import LARGEST_ROUNDOFF, MULTIPLE_OF_RADIUS_CHANGE
 from dem_bridge.judging.check.ties import Tie
 from dem_bridge.judging.deck import UserDeck
+from dem_bridge.judging.twin_run import twin_run, with_wider_gaps
 from dem_bridge.judging.unit_test.driver import TestRun, run_unit_test
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.unit_test import UnitTest, component_error, recorded_states
 from dem_bridge.observables.verdict import Outcome, plain
-from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 
@@ -139,13 +139,7 @@ def in_segments(scene: Scene, dt: float, ends: Sequence[int], radius: float | No
     for end in ends:
         if anew and before:
             part = _continued(scene, velocity[-1], moved)
-        run = Case(
-            scene=replace(part, duration=dt * (end - before if anew else end), samples=1),
-            backend="verlet",
-            resolution=Resolution(dt=dt, surrogate_radius=radius),
-            sampling=Sampling(count=1),
-            uncertainty=False,
-        ).solve()
+        run = twin_run(replace(part, duration=dt * (end - before if anew else end), samples=1), dt, radius)
         moved = run.displacement[-1] + (moved if anew else 0.0)
         velocity.append(run.velocity[-1])
         displacement.append(moved)
@@ -155,14 +149,8 @@ def in_segments(scene: Scene, dt: float, ends: Sequence[int], radius: float | No
 
 def _continued(scene: Scene, velocity: Floats, moved: Floats) -> Scene:
     """Return the scene from a state on: its velocities, and gaps with these displacements, m."""
-    left, right = scene.wall_left, scene.wall_right
-    return replace(
-        scene,
-        velocity=tuple(velocity.tolist()),
-        gap=tuple((np.array(scene.gap) + np.diff(moved)).tolist()),
-        wall_left=None if left is None else replace(left, gap=left.gap + float(moved[0])),
-        wall_right=None if right is None else replace(right, gap=right.gap - float(moved[-1])),
-    )
+    c, place = scene.contacts, np.append(moved, 0.0)
+    return with_wider_gaps(replace(scene, velocity=tuple(velocity.tolist())), place[c.right] - place[c.left])
 
 
 def _not_judged(why: str) -> RecordedAnswer:

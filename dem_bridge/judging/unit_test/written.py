@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,12 +19,12 @@ from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.judging.check.law import MULTIPLE_OF_RADIUS_CHANGE
 from dem_bridge.judging.reference import ReferenceSamples, reference_at
+from dem_bridge.judging.twin_run import twin_run
 from dem_bridge.judging.unit_test.recorded import in_segments
 from dem_bridge.lmp.deck import MOST_SETS, Deck
 from dem_bridge.lmp.reader.evaluation import read_script
 from dem_bridge.lmp.unit_test import Analytic, UnitTest
 from dem_bridge.physics.damped_impact import linear_restitution, restitution_obtained
-from dem_bridge.runs.case import Case
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.timescales import contact_time_of
 from dem_bridge.trajectory.trajectory import Floats
@@ -110,14 +110,7 @@ def _motion(scene: Scene, deck: Deck) -> _Motion:
     reference = reference_at(scene, times)
 
     def run(step: float, radius: float | None) -> tuple[Floats, Floats]:
-        case = Case(
-            scene=scene,
-            backend="verlet",
-            resolution=Resolution(dt=step, surrogate_radius=radius),
-            sampling=Sampling(count=plan.samples),
-            uncertainty=False,
-        )
-        result = case.solve()
+        result = twin_run(replace(scene, samples=plan.samples), step, radius)
         return result.velocity, result.displacement
 
     velocity, displacement = run(plan.step, deck.surrogate_radius)

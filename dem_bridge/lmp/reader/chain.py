@@ -74,6 +74,13 @@ class Line:
         return self.bodies if self.piston is None else self.bodies[1:]
 
     @property
+    def order(self) -> list[int]:
+        """Numbers of the contacts in the order of a scene: those of the chain, and then those with walls."""
+        last = len(self.contacts) - 1
+        inner = range(int(self.left), last + 1 - int(self.right))
+        return [*inner, *[0] * self.left, *[last] * self.right]
+
+    @property
     def left(self) -> bool:
         """True if the scene has a left wall."""
         return self.frozen[0] or self.planes[0] is not None

@@ -213,8 +213,7 @@ def _scene(line: Line, settings: dict[str, Any], units: tuple[float, float, floa
     inner = slice(int(line.left), len(contacts) - int(line.right))
     ends = {"wall_left": 0} if line.left else {}
     ends |= {"wall_right": len(contacts) - 1} if line.right else {}
-    # in the scene the walls come after the contacts of the chain
-    order = [*range(len(contacts))[inner], *ends.values()]
+    order = line.order
     parts: dict[str, Any] = settings | {
         "mass": [(b.mass if b.weighed else plain(b.mass, ROUND_OFF * b.mass)) * mass for b in line.bodies],
         "velocity": [line.sign * body.velocity[line.axis] * length / time + 0.0 for body in line.bodies],

@@ -88,7 +88,7 @@ def run_cases(
 
 
 def run_groups(
-    groups: Sequence[Sequence[Case]],
+    groups: Groupings,
     *,
     jobs: Jobs = 1,
     progress: Progress | None = None,

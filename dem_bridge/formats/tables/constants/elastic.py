@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from dem_bridge.formats.tables.constants.constant import Constant, Family, label
 from dem_bridge.physics.dispersion import dispersion
 from dem_bridge.physics.exact import two_body_collision
-from dem_bridge.physics.hertz import sphere_on_plane, sphere_on_sphere
 from dem_bridge.physics.solitary import long_wave, solitary_wave
+from dem_bridge.scene.contact_numbers import stiffness_against
 
 #: exponents n of the solitary waves; the force exponents n - 1 include 1.5 to 5
 WAVE_EXPONENTS = (2.1, 2.2, 2.25, 2.3, 2.4, 2.5, 2.6, 2.75, 3.0, 3.25, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0)
@@ -34,7 +34,7 @@ class Impact:
     speed: float
     """Speed of approach, m/s."""
     partner: str
-    """"sphere" for an equal sphere, "rigid wall", or "wall" of the material of the sphere."""
+    """"sphere" for an equal sphere, "rigid-wall", or "wall" of the material of the sphere."""
 
     @property
     def mass(self) -> float:
@@ -47,12 +47,12 @@ def _impacts() -> tuple[Impact, ...]:
     cases = (
         (1, "glass", 48e9, 0.2, 2800.0, 0.01, 20.0, ("sphere",)),
         (1, "limestone", 20e9, 0.25, 2500.0, 0.01, 20.0, ("sphere",)),
-        (2, "aluminium", 70e9, 0.3, 2699.0, 0.1, 0.2, ("rigid wall", "wall")),
-        (2, "magnesium", 40e9, 0.35, 1800.0, 0.1, 0.2, ("rigid wall", "wall")),
-        (3, "alumina", 380e9, 0.23, 4000.0, 2.5e-3, 3.9, ("rigid wall", "wall")),
-        (3, "cast_iron", 100e9, 0.25, 7000.0, 2.5e-3, 3.9, ("rigid wall", "wall")),
+        (2, "aluminium", 70e9, 0.3, 2699.0, 0.1, 0.2, ("rigid-wall", "wall")),
+        (2, "magnesium", 40e9, 0.35, 1800.0, 0.1, 0.2, ("rigid-wall", "wall")),
+        (3, "alumina", 380e9, 0.23, 4000.0, 2.5e-3, 3.9, ("rigid-wall", "wall")),
+        (3, "cast_iron", 100e9, 0.25, 7000.0, 2.5e-3, 3.9, ("rigid-wall", "wall")),
     )
-    partners = {"sphere": "two spheres", "rigid wall": "rigid wall", "wall": "wall of the same material"}
+    partners = {"sphere": "two spheres", "rigid-wall": "rigid wall", "wall": "wall of the same material"}
     return tuple(
         Impact(
             name=f"chung_ooi_{test}_{material}{'_same_wall' * (partner == 'wall')}",
@@ -172,14 +172,8 @@ def _collisions() -> Iterator[Constant]:
 def _benchmarks() -> Iterator[Constant]:
     """Yield stiffness, overlap, force and time of the impacts of Chung & Ooi."""
     for case in IMPACTS:
-        elastic = {"radius": case.radius, "young": case.young, "poisson": case.poisson}
-        mass = case.mass
-        if case.partner == "sphere":
-            contact, masses = sphere_on_sphere(**elastic), (mass, mass)
-        else:
-            young2 = math.inf if case.partner == "rigid wall" else None
-            contact, masses = sphere_on_plane(**elastic, young2=young2), (mass, math.inf)
-        beta = contact.stiffness
+        beta = stiffness_against(case.partner, radius=case.radius, young=case.young, poisson=case.poisson)
+        masses = (case.mass, case.mass if case.partner == "sphere" else math.inf)
         hit = two_body_collision(masses=masses, velocities=(case.speed, 0.0), stiffness=beta, exponent=2.5)
         where = (
             f"E = {case.young:g} Pa, nu = {case.poisson:g}, rho = {case.density:g} kg/m^3, R = {case.radius:g} m,"
