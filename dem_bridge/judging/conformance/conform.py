@@ -18,13 +18,14 @@ from dem_bridge.foundation.files import MOST_BYTES, check_future_report_folder, 
 from dem_bridge.foundation.numbers import check_number
 from dem_bridge.judging.conformance import stored
 from dem_bridge.judging.conformance.answer import RECORD, SCHEMA, Conformance
-from dem_bridge.judging.conformance.explain import Behaviour, behaviour_of
-from dem_bridge.judging.conformance.grade import Evidence, grade
+from dem_bridge.judging.conformance.behaviour import Behaviour, behaviour_of
+from dem_bridge.judging.conformance.grade import grade
 from dem_bridge.judging.conformance.items import Item
 from dem_bridge.judging.conformance.limit import Samples, samples_of
 from dem_bridge.judging.conformance.properties import LargeStep
 from dem_bridge.judging.conformance.running import SCENE, TIME_LIMIT_S, Function, Run, run_all
 from dem_bridge.judging.conformance.scenes import SET, Probe, checked_features, frozen_probes, steps_of, unseen_probes
+from dem_bridge.judging.conformance.sequence import Evidence
 from dem_bridge.judging.conformance.truth import truth_of
 from dem_bridge.judging.foreign import Command
 from dem_bridge.lmp.process import workspace

@@ -1,12 +1,13 @@
 """Faults that any scene can show: of what is written, of the contact law, and of one body or contact.
 
 A fault is another scene, or another reading of the values of the motion, with its name and its item. One that a scene
-shows is applied to the reference of all other scenes, so that their questions are answered as if it were mended.
+shows is applied to the reference of all other scenes, so that their questions are answered as if it were mended. It may
+have another form there: the last contact has another number in a longer chain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,16 +16,16 @@ import numpy as np
 from dem_bridge.judging.conformance.limit import QUANTITIES
 from dem_bridge.judging.conformance.scenes import Probe
 from dem_bridge.judging.kernels import System
-from dem_bridge.scene.scene import Damping, Scene
+from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats
 
-#: factor on a stiffness that leaves no contact
-_NO_CONTACT = 1e-9
 #: powers of ten by which values in other units differ
 _POWERS_OF_UNITS = (-9, -6, -3, -2, -1, 1, 2, 3, 6, 9)
 
 Values = Mapping[str, Floats]
+Numbers = tuple[float, ...]
 Change = Callable[[Scene], Scene]
+SystemChange = Callable[[System], System]
 
 
 def _same(value: Any) -> Any:
@@ -42,12 +43,20 @@ class Fault:
     sentence: str
     scene: Change = _same
     values: Callable[[Values], Values] = _same
-    system: Callable[[System], System] = _same
+    system: SystemChange = _same
     """What becomes of the numbers of the motion: statics and damping are those of the scene."""
     time_factor: float = 1.0
     """Times of the motion in those of the samples."""
-    everywhere: bool = True
-    """False for a fault of one body or contact of one scene."""
+    elsewhere: Callable[[Probe], Sequence[Candidate]] | None = None
+    """Forms that the fault may have in another scene; None if it is the same everywhere."""
+    of_body: bool = False
+    """True for a fault of one body or contact."""
+    definite: bool = True
+    """False if the fault leaves open what other scenes are like."""
+
+    def forms(self, probe: Probe) -> Sequence[Candidate]:
+        """Return the forms that the fault may have in a scene."""
+        return (self,) if self.elsewhere is None else self.elsewhere(probe)
 
     @property
     def moves(self) -> bool:
@@ -57,10 +66,10 @@ class Fault:
 
 @dataclass(frozen=True)
 class Family:
-    """Faults that differ in one number, which is fitted."""
+    """Faults that differ in one number or in several, which are fitted."""
 
-    make: Callable[[float], Fault]
-    starts: tuple[float, ...]
+    make: Callable[..., Fault]
+    starts: tuple[Numbers, ...]
     """Numbers from which the fit begins."""
 
 
@@ -74,16 +83,65 @@ def family(
     change: Callable[[float], Change],
     starts: tuple[float, ...] = (0.5, 2.0),
     *,
-    everywhere: bool = True,
     unit: float = 1.0,
 ) -> Family:
     """Return faults that differ in a number, in units of ``unit``; the sentence has a field for it."""
 
     def make(number: float) -> Fault:
-        words = sentence.format(number * unit)
-        return Fault(cause, item, words, change(number * unit), everywhere=everywhere)
+        return Fault(cause, item, sentence.format(number * unit), change(number * unit))
 
-    return Family(make, starts)
+    return Family(make, from_each(*starts))
+
+
+def from_each(*numbers: float) -> tuple[Numbers, ...]:
+    """Return the starts of a fit of one number."""
+    return tuple((number,) for number in numbers)
+
+
+def placed(make: Callable[[int], Sequence[Fault]], place: int, scene: Scene, key: str) -> Fault:
+    """Return the fault of one body or contact of a scene.
+
+    In another scene it is that of the same one, counted from the first or from the last. ``key``: a field of a scene
+    that has a number for each of them. ``make`` returns the forms that the fault may have, the simplest first.
+    """
+    behind = len(getattr(scene, key)) - place
+
+    def forms(other: Probe) -> Sequence[Candidate]:
+        count = len(getattr(other.scene, key))
+        return [form for at in sorted({place, count - behind}) if 0 <= at < count for form in make(at)]
+
+    return replace(make(place)[0], elsewhere=forms, of_body=True)
+
+
+def placed_family(
+    cause: str, item: str, sentence: str, change: Callable[[int, float], Change], place: int, scene: Scene,
+    starts: tuple[float, ...] = (0.5, 2.0),
+) -> Family:  # fmt: skip
+    """Return faults of one body or contact that differ in a number of the field ``cause`` of a scene.
+
+    The sentence has a field for the place, and one for the number.
+    """
+    key = "velocity" if cause == "start-velocity" else cause
+
+    def make(number: float) -> Fault:
+        def of(at: int) -> Sequence[Fault]:
+            fault = Fault(cause, item, sentence.format(at, number), change(at, number))
+            # laws of damping and static overlaps may have the right mass
+            by_motion = replace(fault, scene=_same, system=_heavier(at, abs(number)))
+            return (fault, by_motion) if cause == "mass" else (fault,)
+
+        return placed(of, place, scene, key)
+
+    return Family(make, from_each(*starts))
+
+
+def _heavier(body: int, factor: float) -> SystemChange:
+    """Return the change of the mass of one body in its motion only."""
+
+    def change(system: System) -> System:
+        return system.changed(mass=np.where(np.arange(len(system.mass)) == body, factor, 1.0) * system.mass)
+
+    return change
 
 
 def changed(key: str, change: Callable[[Any], Any]) -> Change:
@@ -120,7 +178,7 @@ def readings() -> Iterator[Candidate]:
         words = f"The motion has {factor:.5g} times the speed of its times."
         return Fault("time-scale", "units", words, time_factor=abs(factor))
 
-    yield Family(faster, (0.5, 2.0, 0.9, 1.1))
+    yield Family(faster, from_each(0.5, 2.0, 0.9, 1.1))
 
 
 def _scaled(name: str) -> Iterator[Candidate]:
@@ -137,67 +195,9 @@ def _scaled(name: str) -> Iterator[Candidate]:
     for power in _POWERS_OF_UNITS:
         sentence = f"All {words} are 1e{power} times those in SI units."
         yield Fault("units", "units", sentence, values=times(10.0**power))
-    yield Family(by, (0.5, 2.0))
+    yield Family(by, from_each(0.5, 2.0))
 
 
 def _shift(rows: int) -> Callable[[Floats], Floats]:
     """Return the shift of samples by rows; the samples at an end are repeated."""
     return lambda array: np.asarray(array[np.clip(np.arange(len(array)) - rows, 0, len(array) - 1)])
-
-
-def laws(probe: Probe) -> Iterator[Candidate]:
-    """Yield faults of the contact law, and forces that the scene does not have."""
-    item = "hooke" if probe.question == "hooke" else "law"
-    time, speed = probe.contact_time, max(map(abs, probe.scene.velocity))
-
-    def stiffer(factor: float) -> Fault:
-        words = f"All contacts have {abs(factor):.5g} times the stiffness over mass."
-        change = lambda system: system.changed(stiffness=abs(factor) * system.stiffness)  # noqa: E731
-        return Fault("stiffness-scale", item, words, system=change)
-
-    def power(n: float) -> Fault:
-        words = f"The contact force goes as overlap^{n - 1.0:.5g}."
-        change = lambda system: system.changed(exponent=np.full_like(system.exponent, n))  # noqa: E731
-        return Fault("exponent", "hooke" if item == "hooke" else "exponent", words, system=change)
-
-    yield Family(stiffer, (0.5, 2.0, 0.8, 1.25))
-    yield from map(power, (2.0, 2.5, 3.0))
-    yield Family(power, (2.1, 2.4, 2.6, 2.8))
-    sentence = "Open contacts attract."
-    yield Fault("tension", item, sentence, system=lambda system: system.changed(pulls=True))
-    if probe.scene.damping is None:
-        sentence = "Contacts are damped, as by a dashpot of {:.3g} N s/m."
-        unit = float(np.mean(probe.scene.mass)) / time
-        yield family("damping", "energy", sentence, _dashpot, (0.02, 0.3), unit=unit)
-    sentence = "Bodies lose speed at the rate {:.3g} 1/s, in contact or not."
-    yield family("drag", "energy", sentence, lambda b: changed("drag", lambda _: abs(b)), (0.02, 0.3), unit=1.0 / time)
-    if probe.scene.gravity == 0.0:
-        sentence = "Bodies are accelerated by {:.4g} m/s^2, which the scene does not have."
-        unit = speed / time
-        yield family(
-            "gravity", "gravity", sentence, lambda g: changed("gravity", lambda _: g), (0.05, -0.05), unit=unit
-        )
-    sentence = "The start velocities are {:.5g} times those of the scene."
-    yield family("start-velocity", "law", sentence, lambda f: changed("velocity", lambda v: tuple(f * x for x in v)))
-
-
-def _dashpot(coefficient: float) -> Change:
-    """Return a scene with dashpots, N s/m."""
-    return lambda scene: replace(scene, damping=Damping(law="dashpot", coefficient=abs(coefficient)))
-
-
-def bodies(scene: Scene, item: str) -> Iterator[Candidate]:
-    """Yield faults of one body or contact; the only contact of a pair is a matter of the law."""
-    several = range(len(scene.stiffness)) if len(scene.stiffness) > 1 else range(0)
-    for k in several:
-        change = entry("stiffness", k, _NO_CONTACT)
-        yield Fault("missed-contact", item, f"Contact {k} does not act.", change, everywhere=False)
-    for key, words, places in (("stiffness", "Contact {} has", several), ("mass", "Body {} has", range(scene.n_body))):
-        for k in places:
-            sentence = f"{words.format(k)} {{:.5g}} times its {key}."
-            yield family(key, item, sentence, _entry_by(key, k), everywhere=False)
-
-
-def _entry_by(key: str, place: int) -> Callable[[float], Change]:
-    """Return the changes of one entry by a factor."""
-    return lambda factor: entry(key, place, abs(factor))

@@ -5,11 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from dem_bridge.judging.conformance.faults import Candidate, Change, Fault, bodies, changed, family, laws, readings
+from dem_bridge.judging.conformance.contact_faults import bodies, laws
+from dem_bridge.judging.conformance.faults import (
+    Candidate,
+    Change,
+    Fault,
+    changed,
+    entry,
+    family,
+    placed_family,
+    readings,
+)
 from dem_bridge.judging.conformance.scenes import Probe
 from dem_bridge.physics.damped_impact import (
     alpha_of_restitution,
@@ -47,7 +58,7 @@ def candidates(probe: Probe, *, first: bool) -> Iterator[Candidate]:
     if first:
         yield from readings()
     yield from laws(probe)
-    yield from bodies(scene, "mixing" if probe.question == "mixing" else "contacts")
+    yield from bodies(probe)
 
 
 def _mixing(scene: Scene) -> Iterator[Candidate]:
@@ -178,6 +189,8 @@ def _precompression(scene: Scene) -> Iterator[Candidate]:
     yield Fault("start-position", item, sentence, changed(item, lambda force: 0.0))
     sentence = "The chain starts with its static overlaps, but no load holds them."
     yield Fault("start-position", item, sentence, unheld)
+    sentence = "The load acts, but the chain starts without its static overlaps."
+    yield Fault("start-position", item, sentence, system=lambda system: system.changed(gap=0.0 * system.gap))
     sentence = "The static force is {:.5g} times that of the scene."
     yield family("start-position", item, sentence, lambda f: changed(item, lambda force: abs(f) * force))
 
@@ -194,14 +207,9 @@ def _several_moving(scene: Scene) -> Iterator[Candidate]:
     }
     for words, change in table.items():
         yield Fault("start-velocity", item, f"{words}.", changed("velocity", change))
+    sentence = "Body {} starts with {:.5g} times its velocity."
     for k in range(1, scene.n_body):
-        sentence = f"Body {k} starts with {{:.5g}} times its velocity."
-        yield family("start-velocity", item, sentence, _speed_by(k), (0.5, -1.0), everywhere=False)
-
-
-def _speed_by(body: int) -> Callable[[float], Change]:
-    """Return the changes of the start velocity of one body by a factor."""
-    return lambda factor: changed("velocity", lambda v: tuple(factor * x if k == body else x for k, x in enumerate(v)))
+        yield placed_family("start-velocity", item, sentence, partial(entry, "velocity"), k, scene, (0.5, -1.0))
 
 
 def _restitution(scene: Scene) -> Iterator[Candidate]:
@@ -209,7 +217,8 @@ def _restitution(scene: Scene) -> Iterator[Candidate]:
     damping = scene.damping
     assert damping is not None  # the scene asks for a restitution
     own = bool(damping.clip)
-    clips = ((own, ""), (not own, _clip_words(not own)))
+    # the clip of each scene, or one that is not its own
+    clips: tuple[tuple[bool | None, str], ...] = ((None, ""), (not own, _clip_words(not own)))
     words = clips[1][1]
     yield Fault("clip", "restitution", f"{words[:1].upper()}{words[1:]}.", lambda scene: _reclipped(scene, not own))
     yield Fault("damping", "restitution", "Contacts are not damped.", changed("damping", lambda _: None))
@@ -233,7 +242,7 @@ def _reclipped(scene: Scene, clip: bool) -> Scene:
     return scene if scene.damping is None else replace(scene, damping=replace(scene.damping, clip=clip))
 
 
-def _other_alphas(damping: Damping, clip: bool, also: str) -> Iterator[Fault]:
+def _other_alphas(damping: Damping, clip: bool | None, also: str) -> Iterator[Fault]:
     """Yield other factors of the damping force of laws that are given a coefficient of restitution."""
     if damping.law not in BY_RESTITUTION:
         return
@@ -258,8 +267,8 @@ def _other_alphas(damping: Damping, clip: bool, also: str) -> Iterator[Fault]:
     yield from (fault(words, alpha) for words, alpha in table.items())
 
 
-def _with_alpha(scene: Scene, alpha: Callable[[float], float], clip: bool) -> Scene:
-    """Return a scene whose damping by restitution has another factor alpha(e)."""
+def _with_alpha(scene: Scene, alpha: Callable[[float], float], clip: bool | None) -> Scene:
+    """Return a scene whose damping by restitution has another factor alpha(e), and its own clip if that is None."""
     damping = scene.damping
     if damping is None or damping.law not in BY_RESTITUTION or not isinstance(damping.coefficient, tuple):
         return scene
@@ -268,10 +277,11 @@ def _with_alpha(scene: Scene, alpha: Callable[[float], float], clip: bool) -> Sc
     values = tuple(
         restitution_of_alpha(min(alpha(e), 0.99 * math.sqrt(2.0 * n)), clip=False, exponent=n) for e, n in coefficients
     )
-    return replace(scene, damping=Damping(law="coeff_restitution", coefficient=values, clip=clip))
+    clipped = damping.clip if clip is None else clip
+    return replace(scene, damping=Damping(law="coeff_restitution", coefficient=values, clip=clipped))
 
 
-def _more_damped(clip: bool) -> Callable[[float], Change]:
+def _more_damped(clip: bool | None) -> Callable[[float], Change]:
     """Return the changes of damping forces by a factor."""
 
     def damped(scene: Scene, factor: float) -> Scene:
@@ -282,6 +292,7 @@ def _more_damped(clip: bool) -> Callable[[float], Change]:
             own = alpha_of_tsuji if damping.law == "tsuji" else alpha_of_restitution
             return _with_alpha(scene, lambda e: factor * own(e), clip)
         coefficients: Any = tuple(factor * c for c in damping.coefficient)
-        return replace(scene, damping=Damping(law=damping.law, coefficient=coefficients, clip=clip))
+        clipped = damping.clip if clip is None else clip
+        return replace(scene, damping=Damping(law=damping.law, coefficient=coefficients, clip=clipped))
 
     return lambda factor: lambda scene: damped(scene, abs(factor))

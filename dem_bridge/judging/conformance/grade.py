@@ -1,7 +1,6 @@
-"""The grade of a code: what it does in each scene becomes one item a question, simple scenes first.
+"""The grade of a code: what it does in each scene becomes one item a question.
 
-A fault that a scene shows is part of the reference of the scenes after it. So each item answers its own question: the
-first scene that can be run decides about the law and about what is written, and every other scene about what it adds.
+The first scene that can be run decides about the law and about what is written, and every other one about what it adds.
 """
 
 from __future__ import annotations
@@ -10,38 +9,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dem_bridge.foundation.wording import relative_number
-from dem_bridge.judging.conformance.explain import (
-    LARGEST_UNCERTAINTY,
-    Behaviour,
-    Explanation,
-    Failure,
-    explain,
-    fitted_exponent,
-)
-from dem_bridge.judging.conformance.faults import Fault
+from dem_bridge.judging.conformance.behaviour import LARGEST_UNCERTAINTY
+from dem_bridge.judging.conformance.explain import Explanation, Failure, fitted_exponent
 from dem_bridge.judging.conformance.items import QUESTIONS, Item, failed_item, failure_item, not_run_item, passed_item
-from dem_bridge.judging.conformance.properties import BASE, LargeStep, property_items
+from dem_bridge.judging.conformance.properties import property_items
 from dem_bridge.judging.conformance.scenes import FEATURES, Probe, frozen_probes
+from dem_bridge.judging.conformance.sequence import Comparison, Evidence, apart_words
 from dem_bridge.judging.conformance.unseen import unseen_item
 from dem_bridge.observables.verdict import Outcome
 
-#: unseen scenes for which a fault is looked for: the first ones name it
-MOST_SEARCHES = 3
 #: items whose faults have effects in every scene that are not known
 _HIDING = ("order", "momentum", "energy", "digits")
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What a code does in each scene that it was run on, or why nothing is known of it."""
-
-    probes: tuple[Probe, ...]
-    behaviours: Mapping[str, Behaviour]
-    """By the name of the scene."""
-    problems: Mapping[str, str]
-    """Why a scene has no behaviour, by its name."""
-    large_steps: tuple[LargeStep, ...] = ()
-    """From fine to coarse."""
 
 
 def grade(evidence: Evidence, features: Sequence[str]) -> tuple[Item, ...]:
@@ -54,7 +32,8 @@ def grade(evidence: Evidence, features: Sequence[str]) -> tuple[Item, ...]:
     features : sequence of str
         Features that the code has; scenes with others were not run.
     """
-    explanations, failures = _explained(evidence)
+    comparison = Comparison(evidence)
+    explanations, failures = comparison.explanations, comparison.failures
     found = property_items(evidence.behaviours, explanations, failures, evidence.large_steps)
     properties = {item.name: item for item in found}
     hiding = next((name for name in _HIDING if properties[name].outcome is Outcome.FAIL), "")
@@ -68,68 +47,10 @@ def grade(evidence: Evidence, features: Sequence[str]) -> tuple[Item, ...]:
         elif name == "unseen":
             names = [probe.scene.name for probe in evidence.probes if not probe.frozen]
             wrong = answers.wrong_frozen() or hiding
-            apart = answers.apart(names[0]) if names else ""
-            items.append(
-                unseen_item(names, evidence.behaviours, evidence.problems, explanations, failures, wrong, apart)
-            )
+            items.append(unseen_item(names, evidence.behaviours, evidence.problems, explanations, failures, wrong))
         else:
             items += answers.frozen(name, features)
     return tuple(items)
-
-
-def _explained(evidence: Evidence) -> tuple[dict[str, Explanation], list[Failure]]:
-    """Compare the scenes one after the other; a fault that one shows is known in those after it."""
-    known: list[Fault] = []
-    explanations: dict[str, Explanation] = {}
-    failures: list[Failure] = []
-    decided, lost, searches = False, False, 0
-    for probe in evidence.probes:
-        name = probe.scene.name
-        if (behaviour := evidence.behaviours.get(name)) is None:
-            continue
-        certain = behaviour.uncertainty <= LARGEST_UNCERTAINTY
-        search = certain and searches < MOST_SEARCHES and (not lost or probe.question in BASE)
-        found = explanations[name] = explain(behaviour, known, first=not decided, search=search)
-        searches += not probe.frozen and not found.right
-        # where a simple scene is wrong and nothing explains it, nothing explains those after it
-        lost = lost or (certain and not found.right and found.fault is None)
-        if found.fault is not None:
-            known.append(found.fault)
-            # the first scene decides about the law and the output; a later one only about what it adds
-            item = probe.question if decided else found.fault.item
-            # the same body or contact of another scene: an item is to be named once
-            same = (
-                failure.item for failure in failures if failure.is_of_body and failure.fault.cause == found.fault.cause
-            )
-            item = item if found.fault.everywhere else next(same, item)
-            if item == "unseen" and found.fault.item == "restitution" and not _has_frozen_law(evidence, probe):
-                item = "restitution"
-            failures.append(Failure(name, item, found.fault))
-        decided = decided or certain
-    return _without_masses(evidence, explanations, failures)
-
-
-def _without_masses(
-    evidence: Evidence, explanations: dict[str, Explanation], failures: list[Failure]
-) -> tuple[dict[str, Explanation], list[Failure]]:
-    """Take back the mass of a body in a simple scene if another one is wrong and no fault explains it.
-
-    Forces on the two bodies of a contact that are not opposite look like another mass in a pair, but not in a chain.
-    """
-    simple = [probe.scene.name for probe in evidence.probes if probe.question in BASE]
-    found = [name for name in simple if name in explanations]
-    if all(explanations[name].right or explanations[name].fault is not None for name in found):
-        return explanations, failures
-    masses = [failure for failure in failures if failure.scene in simple and failure.fault.cause == "mass"]
-    for failure in masses:
-        explanations[failure.scene] = replace(explanations[failure.scene], fault=None)
-    return explanations, [failure for failure in failures if failure not in masses]
-
-
-def _has_frozen_law(evidence: Evidence, probe: Probe) -> bool:
-    """Return True if a frozen scene has the damping law of an unseen one."""
-    laws = {other.scene.damping.law for other in evidence.probes if other.frozen and other.scene.damping is not None}
-    return probe.scene.damping is not None and probe.scene.damping.law in laws
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +94,9 @@ class _Answers:
             return replace(item, name=name, outcome=Outcome.UNDECIDED, sentence=sentence)
         if item.outcome in (Outcome.UNDECIDED, Outcome.NOT_RUN):
             return replace(item, name=name)
-        n = fitted_exponent(self.evidence.behaviours[scene], own)
+        if (n := fitted_exponent(self.evidence.behaviours[scene], own)) is None:
+            sentence = "The motion does not depend on the exponent."
+            return replace(item, name=name, outcome=Outcome.UNDECIDED, sentence=sentence)
         return passed_item(name, scene, f"The force goes as overlap^{n - 1.0:.6f}; Hertz: 1.5.", {"exponent": n})
 
     def _scene(self, probe: Probe) -> Item:
@@ -193,8 +116,11 @@ class _Answers:
             sentence = f"The files at the three steps differ too much for an answer: by {allowed}."
             return replace(item, outcome=Outcome.UNDECIDED, sentence=sentence, cause="unknown")
         if found.right:
-            sentence = f"{off} off{self.apart(scene)} (steps explain {relative_number(found.allowed)})."
+            sentence = f"{off} off{apart_words(found.apart)} (steps explain {relative_number(found.allowed)})."
             return replace(item, outcome=Outcome.PASS, sentence=sentence)
+        if own and own[0].fault.cause == "missed-contact" and probe.scene.n_contact == 1:
+            sentence = f"The only contact does not act: this is the item {own[0].item}."
+            return replace(item, outcome=Outcome.UNDECIDED, sentence=sentence)
         if own:
             left = relative_number(found.left)
             sentence = f"The fault of the item {own[0].item} explains the difference but for {left}."
@@ -205,16 +131,10 @@ class _Answers:
         sentence = f"It differs from the reference by {off}; steps explain {allowed}, and no known fault the rest."
         return replace(item, outcome=Outcome.FAIL, sentence=sentence, cause="unknown")
 
-    def apart(self, scene: str) -> str:
-        """Return the words for faults of other items that were part of the reference of a scene."""
-        names = [probe.scene.name for probe in self.evidence.probes]
-        before = [f for f in self.failures if f.fault.everywhere and names.index(f.scene) < names.index(scene)]
-        return f", apart from the fault of the item {before[0].item}" if before else ""
-
     def _wrong_before(self, scene: str) -> str:
         """Return the item of the first of the simple scenes before ``scene`` that is wrong; '' if none is."""
         for probe in self.evidence.probes:
-            if probe.scene.name == scene or probe.question not in BASE:
+            if probe.scene.name == scene or not probe.basic:
                 break
             if wrong := self._wrong(probe):
                 return wrong

@@ -79,6 +79,9 @@ def samples_of(record: Record, probe: Probe) -> Samples:
         digits[name] = float(np.max(record.rounding[name][rows], initial=0.0))
     if not values:
         raise Nonsense("the file has neither velocities nor displacements")
+    if "velocity" in values and np.all(values["velocity"] == values["velocity"][0]):
+        # bodies in free flight have round numbers, which do not show how many digits are written
+        digits = dict.fromkeys(digits, 0.0)
     return Samples(
         MappingProxyType(values), MappingProxyType(digits), delay, unit, all(map(_is_single, values.items()))
     )

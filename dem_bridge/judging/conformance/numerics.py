@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from dem_bridge.judging.conformance.explain import Behaviour
-from dem_bridge.judging.conformance.limit import CLEAN_ORDER
+from dem_bridge.judging.conformance.behaviour import Behaviour
+from dem_bridge.judging.conformance.limit import CLEAN_ORDER, LEAST_DIFFERENCE_WITH_ORDER
+from dem_bridge.judging.conformance.scenes import RATIO_OF_STEPS
 from dem_bridge.trajectory.relative import relative_size
 from dem_bridge.trajectory.trajectory import Floats
 
@@ -49,10 +51,46 @@ def delay_of(behaviour: Behaviour, name: str) -> Delay | None:
     return Delay(late, left) if left <= LARGEST_LEFT_BY_DELAY else None
 
 
+def order_while_closing(behaviour: Behaviour, name: str) -> float:
+    """Return the order of a quantity before the first contact begins to open; infinite if no step shows there.
+
+    A force that jumps when a contact begins to open lowers the order from then on, whatever the method.
+    """
+    rows = min(len(file.values[name]) for file in behaviour.files)
+    files = [file.values[name][-rows:] for file in behaviour.files]
+    motion = {key: limit.values[-rows:] for key, limit in behaviour.limits.items()}
+    if "displacement" in motion:
+        last = int(np.argmax(motion["displacement"][:, 0] - motion["displacement"][:, 1]))
+    else:
+        last = int(np.argmax(motion["velocity"][:, 0] <= motion["velocity"][:, 1])) - 1
+    early = [values[: max(last, 2)] for values in files]
+    coarse, fine = (float(np.max(np.abs(b - a))) / behaviour.scale[name] for a, b in pairwise(early))
+    if fine <= LEAST_DIFFERENCE_WITH_ORDER:
+        return math.inf
+    return math.log(max(coarse, 1e-300) / fine, RATIO_OF_STEPS)
+
+
 def momentum_drift(behaviour: Behaviour) -> float:
     """Return the largest change of the momentum in the finest file, relative to the sum of the magnitudes."""
-    momentum = behaviour.files[-1].values["velocity"] @ np.array(behaviour.probe.scene.mass)
+    momentum = _momentum(behaviour)
     return relative_size(float(np.max(np.abs(momentum - momentum[0]))), _magnitudes_of_momentum(behaviour))
+
+
+def momentum_drift_apart(behaviour: Behaviour) -> float:
+    """Return the change of the momentum while no bodies touch, relative to the sum of the magnitudes; 0 if all do."""
+    if "displacement" not in behaviour.limits:
+        return 0.0
+    momentum = _momentum(behaviour)
+    displacement = behaviour.files[-1].values["displacement"]
+    rows = min(len(momentum), len(displacement))
+    apart = np.all(_openings(behaviour, displacement[-rows:]) > 0.0, axis=1)
+    changes = np.abs(np.diff(momentum[-rows:]))[apart[1:] & apart[:-1]]
+    return relative_size(float(np.sum(changes)), _magnitudes_of_momentum(behaviour))
+
+
+def _momentum(behaviour: Behaviour) -> Floats:
+    """Return the momentum of all bodies in the finest file, kg m/s."""
+    return np.asarray(behaviour.files[-1].values["velocity"] @ np.array(behaviour.probe.scene.mass))
 
 
 def momentum_by_digits(behaviour: Behaviour) -> float:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dem_bridge.foundation.wording import relative_number
 from dem_bridge.judging.conformance import numerics
+from dem_bridge.judging.conformance.behaviour import Behaviour
 from dem_bridge.judging.conformance.conserved import conserved_items
-from dem_bridge.judging.conformance.explain import Behaviour, Explanation, Failure
+from dem_bridge.judging.conformance.explain import Explanation, Failure
 from dem_bridge.judging.conformance.items import Item, failed_item, failure_item, not_run_item, passed_item
 from dem_bridge.judging.conformance.limit import LEAST_DIFFERENCE_WITH_ORDER
+from dem_bridge.observables.verdict import Outcome
 
-#: questions of the scenes that have no more than contacts: all bodies are equal, no outer force acts
-BASE = ("law", "contacts", "hooke")
 #: significant digits of the largest value, below which differences between the steps are lost
 LEAST_DIGITS = 8.0
 #: order below which errors do not fall with the step
@@ -48,7 +48,7 @@ def property_items(
     large_steps: Sequence[LargeStep],
 ) -> Iterator[Item]:
     """Yield the items on order, phase, digits, units, momentum, energy and the largest step."""
-    base = [behaviour for behaviour in behaviours.values() if behaviour.probe.question in BASE]
+    base = [behaviour for behaviour in behaviours.values() if behaviour.probe.basic]
     used = base or list(behaviours.values())[:1]
     if not used:
         names = ("order", "phase", "digits", "units", "momentum", "energy", "largest-step")
@@ -98,6 +98,11 @@ def _order(used: Sequence[Behaviour], explanations: Mapping[str, Explanation], d
     differ = f"the two finest steps differ by {relative_number(difference)} of the largest {name}"
     if difference <= 1e3 * LEAST_DIFFERENCE_WITH_ORDER:
         return passed_item("order", scene, f"{words}; {differ}, which round-off makes.", numbers)
+    early = min(numerics.order_while_closing(behaviour, name) for behaviour in used if name in behaviour.limits)
+    if order > LEAST_FALL and early >= numerics.LEAST_ORDER:
+        at = "more" if math.isinf(early) else f"{early:.2f}"
+        sentence = f"{words}, but {at} until the first contact begins to open: as where a force jumps; {differ}."
+        return replace(failed_item("order", scene, sentence, "unknown", numbers), outcome=Outcome.UNDECIDED)
     if order > LEAST_FALL:
         return failed_item("order", scene, f"{words}; {differ}.", "first-order-integrator", numbers)
     sentence = f"Errors do not fall with the time step: {differ}, the two coarsest by no more."

@@ -33,6 +33,8 @@ FEATURES: Mapping[str, str] = MappingProxyType(
         **{law: f"damping of the law {law}" for law in DAMPING_LAWS},
     }
 )
+#: questions of the scenes that have no more than contacts: all bodies are equal, no outer force acts
+BASE = ("law", "contacts", "hooke")
 #: ratio of a time step to the next finer one, and number of time steps of a scene
 RATIO_OF_STEPS, NUMBER_OF_STEPS = 4, 3
 #: steps in a contact time at the coarsest time step, about
@@ -57,6 +59,11 @@ class Probe:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "features", features_of(self.scene))
+
+    @property
+    def basic(self) -> bool:
+        """True if the scene has no more than contacts."""
+        return self.question in BASE
 
     @property
     def smooth(self) -> bool:

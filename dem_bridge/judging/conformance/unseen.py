@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from dem_bridge.foundation.wording import relative_number
-from dem_bridge.judging.conformance.explain import LARGEST_UNCERTAINTY, Behaviour, Explanation, Failure
+from dem_bridge.judging.conformance.behaviour import LARGEST_UNCERTAINTY, Behaviour
+from dem_bridge.judging.conformance.explain import Explanation, Failure
 from dem_bridge.judging.conformance.items import Item, failed_item
+from dem_bridge.judging.conformance.sequence import apart_words
 from dem_bridge.observables.verdict import Outcome
 
 
@@ -18,12 +20,10 @@ def unseen_item(
     explanations: Mapping[str, Explanation],
     failures: Sequence[Failure],
     wrong_frozen: str,
-    apart: str,
 ) -> Item:
     """Return the item on the unseen scenes of these names.
 
-    ``wrong_frozen`` is an item on frozen scenes that fails and may explain a difference, and ``apart`` has the words
-    for faults that are part of the reference of the unseen scenes; both may be empty.
+    ``wrong_frozen`` is an item on frozen scenes that fails and may explain a difference; '' if there is none.
     """
     item = Item(name="unseen", scene="", outcome=Outcome.NOT_RUN, sentence="No unseen scenes were asked for.")
     if not names:
@@ -38,7 +38,7 @@ def unseen_item(
     wrong = [name for name in clear if not explanations[name].right]
     item = replace(item, numbers={"scenes": float(len(seen)), "wrong": float(len(wrong))})
     if not wrong:
-        return _right(item, [explanations[name] for name in clear], len(seen), apart)
+        return _right(item, [explanations[name] for name in clear], len(seen))
     item = replace(item, scene=wrong[0], cause="unknown")
     head = f"{len(wrong)} of {len(seen)} scenes are wrong"
     new = [failure for failure in failures if failure.scene in wrong]
@@ -58,9 +58,10 @@ def unseen_item(
     return replace(item, outcome=Outcome.FAIL, sentence=sentence)
 
 
-def _right(item: Item, found: Sequence[Explanation], count: int, apart: str) -> Item:
+def _right(item: Item, found: Sequence[Explanation], count: int) -> Item:
     """Return the item of scenes that are right, as far as they can be told."""
     vague = count - len(found)
+    apart = apart_words(list(dict.fromkeys(name for explanation in found for name in explanation.apart)))
     words = f"; {vague} more cannot be told" if vague else ""
     most = relative_number(max((explanation.difference for explanation in found), default=0.0))
     sentence = f"{len(found)} of {count} scenes are right{apart}, within {most} of the largest value{words}."

@@ -74,6 +74,20 @@ def test_another_method_computes_the_values_of_the_set(probe: Probe) -> None:
         assert np.abs(getattr(run, name) - truth.values[name]).max() <= allowed
 
 
+def _without_last_contact(numbers: dict[str, Any], document: dict[str, Any]) -> None:
+    """Leave out the last contact between bodies: the only one of a pair."""
+    del document
+    for key in ("k", "c"):
+        numbers[key][len(numbers["m"]) - 1] = 0.0
+
+
+def _without_contacts(numbers: dict[str, Any], document: dict[str, Any]) -> None:
+    """Leave out all contacts between bodies."""
+    del document
+    for key in ("k", "c"):
+        numbers[key][1:-1] = 0.0
+
+
 FAULTS: dict[str, tuple[Any, dict[str, str]]] = {
     "exponent": (lambda n, d: n["n"].__setitem__(n["n"] == 2.5, 2.6), {"exponent": "exponent"}),
     "stiffness": (lambda n, d: n.update(k=1.1 * n["k"]), {"law": "stiffness-scale"}),
@@ -85,6 +99,9 @@ FAULTS: dict[str, tuple[Any, dict[str, str]]] = {
         lambda n, d: n.update(c=n["c"] / 2**0.5 if d["chain"].get("damping", {}).get("law") == "tsuji" else n["c"]),
         {"restitution": "LAMMPS tsuji without sqrt 2"},
     ),
+    "last contact": (_without_last_contact, {"contacts": "missed-contact"}),
+    "no contact": (_without_contacts, {"contacts": "missed-contact"}),
+    "a mass in its motion": (lambda n, d: n["m"].__setitem__(1, 1.1 * n["m"][1]), {"contacts": "mass"}),
     "last mass": (lambda n, d: n["m"].__setitem__(-1, 1.03 * n["m"][-1]), {"contacts": "mass"}),
     "prepared": (
         lambda n, d: n.update(k=n["k"] * (1.05 if "unseen" in d["name"] else 1.0)),
