@@ -59,7 +59,7 @@ def write(names: list[str]) -> None:
     for name, scene in scenes().items():
         if not names or name in names:
             proof = db.prove(scene, file=FOLDER / f"{name}.json")
-            print(f"{proof!s}, {proof.certificate['bits']} bits", flush=True)
+            print(f"{proof!s}\n  {proof.certificate['bits']} bits", flush=True)
 
 
 def compare(count: int) -> None:

@@ -47,7 +47,9 @@ class Coefficients(NamedTuple):
     rising: Floats
     """Upper bounds of the overlaps' coefficients."""
     falling: Floats
-    """Lower bounds of the coefficients of overlaps; those of w where a contact is closed and its force depends on w."""
+    """Lower bounds of the overlaps' coefficients."""
+    base: Floats
+    """Lower bounds of the coefficients on which the force of a closed contact is built: of w, or of s."""
     slope: Floats
     """Lower and upper bound of the rates of overlaps at the start, in the unit of the step, ``(n_contact, 2)``."""
     powers: Floats
@@ -75,7 +77,7 @@ def read_coefficients(chain: Chain, space: Space, closed: Bools, order: int, c: 
             for o in range(order):
                 c.powers[k, level, o] = magnitude(power + SIZE * o)
                 if level == 0:
-                    c.falling[k, o] = lower(power + SIZE * o)
+                    c.base[k, o] = lower(power + SIZE * o)
 
 
 @kernel()
@@ -134,12 +136,12 @@ def largest_overlap(k: int, c: Coefficients, step: float) -> float:
 @kernel()
 def force_defect(k: int, chain: Chain, c: Coefficients, step: float, order: int, room: Floats) -> float:
     """Return a bound of the force of a closed contact that its series lacks, N; -1 where w may come too near 0."""
-    falling, m, fall, power = c.falling[k], chain.doubled[k], 0.0, 1.0
+    base, m, fall, power = c.base[k], chain.doubled[k], 0.0, 1.0
     for o in range(1, order):
         power = max(power * step, FLOOR)
-        fall += max(-falling[o], 0.0) * power
-    least = falling[0] - fall * ENLARGED
-    if not (falling[0] > 0.0 and least >= LEAST_ROOT * falling[0]):
+        fall += max(-base[o], 0.0) * power
+    least = base[0] - fall * ENLARGED
+    if not (base[0] > 0.0 and least >= LEAST_ROOT * base[0]):
         return -1.0
     error, most = c.s[k, order] * power_above(step, order), weighted(c.s[k], step, 0)
     if m % 2 == 1:
@@ -187,7 +189,7 @@ def enclose(
                 if power >= 1.0:
                     gain[k] = power * chain.stiffness[k] * most ** (power - 1.0)
                 else:  # the slope of the force is largest at the least overlap, (LEAST_ROOT w)^2
-                    least = 0.5 * (LEAST_ROOT * c.falling[k, 0]) ** 2 - apart
+                    least = 0.5 * (LEAST_ROOT * c.base[k, 0]) ** 2 - apart
                     if not least > 0.0:
                         return False
                     gain[k] = power * chain.stiffness[k] * least ** (power - 1.0)
@@ -285,9 +287,9 @@ def find_signs(
     overlaps: Floats,
     signs: Ints,
 ) -> None:
-    """Write the signs that overlaps keep throughout a step, and the rates of open contacts, into ``signs``; 0: none.
+    """Write the signs that overlaps and their rates keep throughout a step into ``signs (2, n_contact)``; 0: none.
 
-    Lower bounds are sums of the negative coefficients, upper bounds of the positive ones, ``signs (2, n_contact)``.
+    Lower bounds are sums of the negative coefficients, upper bounds of the positive ones.
     """
     n = len(chain.mobility) - 1
     for k in range(len(closed)):
@@ -297,11 +299,6 @@ def find_signs(
             if i < n:
                 apart += errors[i] * ENLARGED
                 faster += errors[n + i] * unit * ENLARGED
-        if closed[k]:
-            # w stays above LEAST_ROOT of its first value, and s above half the square of it
-            least = c.falling[k, 0] if chain.doubled[k] % 2 == 0 else c.falling[k, 0] ** 2
-            signs[0, k] = 1 if 0.5 * LEAST_ROOT**2 * least > apart else 0
-            continue
         fall, slower, quicker = 0.0, 0.0, 0.0
         for o in range(c.s.shape[1] - 1, 0, -1):
             fall = (fall + max(-c.falling[k, o], 0.0)) * step
@@ -312,7 +309,11 @@ def find_signs(
             signs[1, k] = 1
         elif c.slope[k, 1] + (quicker * ENLARGED + faster) < 0.0:
             signs[1, k] = -1
-        if overlaps[k] + apart < 0.0:
+        if closed[k]:
+            # w stays above LEAST_ROOT of its first value, and s above half the square of it
+            least = c.base[k, 0] if chain.doubled[k] % 2 == 0 else c.base[k, 0] ** 2
+            signs[0, k] = 1 if 0.5 * LEAST_ROOT**2 * least > apart else 0
+        elif overlaps[k] + apart < 0.0:
             signs[0, k] = -1
         elif c.falling[k, 0] - (fall * ENLARGED + apart) > 0.0:
             signs[0, k] = 1

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,11 @@ from typing import Any
 from dem_bridge.backends.base import versions_of
 from dem_bridge.errors import OF_DAMAGED_DATA, UsageError
 from dem_bridge.foundation.files import text_of_file, write_whole
-from dem_bridge.proof.flow import Ball, Box
+from dem_bridge.proof.extremes import Extreme, Unknown
+from dem_bridge.proof.flow import Box
 from dem_bridge.proof.problem import Problem
 from dem_bridge.proof.producer import WIDER, Checkpoint, Record, Touch
+from dem_bridge.proof.turns import Ball
 from dem_bridge.scene.scene import Scene
 from dem_bridge.version import __version__
 
@@ -23,6 +26,14 @@ from dem_bridge.version import __version__
 SCHEMA = "dem-bridge/proof/1"
 #: unit of the last digit of a sample, relative to the largest velocity or displacement, where the proof allows it
 _LAST_DIGIT = Fraction(1, 10**17)
+#: least radius of overlaps and crossing times, relative to the largest overlap and the duration: the checker's room
+_LEAST = Fraction(1, 10**20)
+#: a largest overlap whose radius is above this part of the largest of all is left out
+_WIDEST = Fraction(1, 10**6)
+#: bits of the time at which an overlap is largest, below the duration
+_BITS_OF_TIME = 128
+#: an upper bound of any overlap, m: what is known of a contact of which a file says nothing
+_UNKNOWN = Fraction(10**9)
 
 
 def document_of(scene: Scene, problem: Problem, record: Record) -> dict[str, Any]:
@@ -46,6 +57,8 @@ def document_of(scene: Scene, problem: Problem, record: Record) -> dict[str, Any
         "touches": [
             {"contact": touch.contact, "closes": touch.closes, "time": _pair(touch.time)} for touch in record.touches
         ],
+        "peaks": _peaks(problem, record.extremes),
+        "crossings": [_crossing(problem, extreme) for extreme in record.extremes],
         "samples": {
             "time": [str(i * problem.duration / problem.count) for i in range(len(samples))],
             "displacement": _rounded([box.displacement for box in samples]),
@@ -92,6 +105,7 @@ def read_record(path: Path, scene: Scene) -> Record:
                 for item in document["touches"]
             ],
             samples=[_read_box(displacement, velocity) for displacement, velocity in moments],
+            extremes=read_extremes(document),
         )
     except OSError as error:
         raise UsageError(f"{path}: the certificate cannot be read ({error.strerror})") from error
@@ -114,6 +128,46 @@ def read_ball(entry: Any) -> Ball:
         return Fraction(entry), Fraction(10) ** (int(power or 0) - digits)
     middle, radius = entry
     return Fraction(middle), Fraction(radius)
+
+
+def read_extremes(document: Mapping[str, Any]) -> list[Extreme]:
+    """Return what a certificate says of largest overlaps and crossing times; earlier files say nothing."""
+    none = [None] * len(document["scene"]["contacts"])
+    extremes = []
+    for peak, crossing in zip(document.get("peaks", none), document.get("crossings", none), strict=True):
+        extreme = Extreme(high=_UNKNOWN)
+        if peak is not None:
+            middle, radius = read_ball(peak["overlap"])
+            extreme = Extreme(low=middle - radius, high=middle + radius, at=Fraction(peak["at"]))
+        time = Unknown.UNPROVED if crossing is None else Unknown.NONE if crossing == "none" else read_ball(crossing)
+        extremes.append(replace(extreme, crossing=time))
+    return extremes
+
+
+def is_known(extremes: Sequence[Extreme]) -> list[bool]:
+    """Return whether the largest overlap of each contact is known to a millionth of the largest of all."""
+    largest = max((extreme.low for extreme in extremes), default=Fraction(0))
+    return [extreme.high - extreme.low <= _WIDEST * largest or extreme.high == 0 for extreme in extremes]
+
+
+def _peaks(problem: Problem, extremes: Sequence[Extreme]) -> list[dict[str, Any] | None]:
+    """Return the largest overlaps with a time at which each is reached; null where one is not established."""
+    least = _LEAST * max((extreme.low for extreme in extremes), default=Fraction(0))
+    grid = Fraction(2) ** (math.floor(math.log2(problem.duration)) - _BITS_OF_TIME)
+    entries: list[dict[str, Any] | None] = []
+    for extreme, known in zip(extremes, is_known(extremes), strict=True):
+        middle, radius = (extreme.high + extreme.low) / 2, (extreme.high - extreme.low) / 2
+        peak = {"overlap": _pair((middle, WIDER * radius + least)), "at": str(round(extreme.at / grid) * grid)}
+        entries.append(peak if known else None)
+    return entries
+
+
+def _crossing(problem: Problem, extreme: Extreme) -> list[str] | str | None:
+    """Return a crossing time; "none" if the contact is proved to have none, null if it is not established."""
+    if isinstance(extreme.crossing, Unknown):
+        return "none" if extreme.crossing is Unknown.NONE else None
+    middle, radius = extreme.crossing
+    return _pair((middle, WIDER * radius + _LEAST * problem.duration))
 
 
 def _read_box(displacement: Any, velocity: Any) -> Box:

@@ -5,7 +5,8 @@ r"""Check a proved trajectory: prove that the flow of a scene takes each box of 
     x_i' = v_i,    m_i v_i' = c_i -+ beta_k max(d_k, 0)^(p_k) of its contacts k,    d_k = x_left - x_right - gap_k
 
 that starts at the exact numbers of the scene lies, at each checkpoint and each sample time, in the balls of the file;
-every touch of the file happens within its ball of times, in this order, and no contact closes or opens otherwise.
+every touch of the file happens within its ball of times, in this order, and no contact closes or opens otherwise; the
+largest overlaps and the times of first maximal compression are in their balls (:mod:`.checker_extremes`).
 (A contact with gap 0 may begin at d = 0; its touches count from a time at which d is proved to have a sign, before the
 first checkpoint at which it has one.)
 Walls have x = 0. The power p_k is 1, 3/2, 2, ... 4.
@@ -56,7 +57,8 @@ from flint import arb, arb_poly, ctx, fmpq, fmpq_poly, fmpz
 from numpy.typing import NDArray
 
 from dem_bridge.proof import checker_file as claims
-from dem_bridge.proof.checker_file import Ball, Box, NotProved, Sample, Touch, above, exactly, require, shown
+from dem_bridge.proof.checker_extremes import HALVINGS, Watch, bounds, difference
+from dem_bridge.proof.checker_file import Ball, Box, Extreme, NotProved, Sample, Touch, above, exactly, require, shown
 from dem_bridge.proof.checker_guess import Bond, Chain, Piece, Proposer
 from dem_bridge.scene.scene import Scene
 
@@ -71,39 +73,11 @@ TAYLOR, MOST_PICARD = 8, 60
 OF_ERROR, OF_BOX = 2.0**-13, (2.0**-24, 2.0**-60, 2.0**-100)
 #: bits of the polynomials beyond the defects, most bits, and most pieces between two checkpoints
 GUARD_BITS, MOST_BITS, MOST_PIECES = 48, 2500, 20_000
-#: halvings of a piece in which the sign of an overlap or of its rate is looked for
-HALVINGS = 6
-
-
-def bounds(poly: fmpq_poly, halvings: int = 0) -> tuple[float, float]:
-    """Return bounds of a polynomial on [0, 1]: its values at the ends if it is monotone, else coarse ones of its parts.
-
-    >>> bounds(fmpq_poly([3, -2, 1])) == (math.nextafter(2.0, 0.0), math.nextafter(3.0, 4.0))
-    True
-    """
-    zero = fmpz(0)
-    first, *rest = poly.numer().coeffs() or [zero]
-    steeper = sum((k * c for k, c in enumerate(rest[1:], 2) if c > 0), zero)
-    flatter = sum((k * c for k, c in enumerate(rest[1:], 2) if c < 0), zero)
-    ends = (first, first + sum(rest, zero))
-    if not rest or rest[0] + flatter >= 0 or rest[0] + steeper <= 0:
-        least, most = min(ends), max(ends)
-    elif halvings > 0:
-        halves = [bounds(poly(fmpq_poly([fmpq(part, 2), fmpq(1, 2)])), halvings - 1) for part in (0, 1)]
-        return min(low for low, _ in halves), max(high for _, high in halves)
-    else:
-        least, most = first + sum((c for c in rest if c < 0), zero), first + sum((c for c in rest if c > 0), zero)
-    return -above(fmpq(-least, poly.denom())), above(fmpq(most, poly.denom()))
 
 
 def size(poly: fmpq_poly) -> float:
     """Return a bound of the magnitude of a polynomial on [0, 1]."""
     return above(fmpq(sum(map(abs, poly.numer().coeffs()), fmpz(0)), poly.denom()))
-
-
-def difference(bond: Bond, polys: tuple[fmpq_poly, ...]) -> fmpq_poly:
-    """Return left minus right of a contact: its overlap but for the gap, or its closing velocity."""
-    return sum((polys[body] * -sign for body, sign in bond.ends), fmpq_poly([0]))
 
 
 class Measured(NamedTuple):
@@ -241,7 +215,7 @@ class Walk:
         self.chain, self.box, self.target, self.time = chain, box, target, box.time
         self.state = [[ball.middle for ball in balls] for balls in (box.x, box.v)]
         self.tube, self.touches, self.pieces = Tube(chain, box), list[Touch](), 0
-        self.known = claims.signs_in(chain, box)
+        self.known, self.overlaps = claims.signs_in(chain, box), list[tuple[float, float]]()
         self.signs = [Sign(k, sign) for k, sign in enumerate(self.known)]
         self.floor = of_box * claims.radii(target)
         least, fastest = float(self.allowed().min()), max(1.0, *(above(abs(v)) for v in self.state[1]))
@@ -275,6 +249,7 @@ class Walk:
             else:
                 raise NotProved(f"no piece is exact enough after t = {shown(self.time)} s")
             self.take(piece, measured, tube)
+            self.overlaps = measured.overlaps
             yield piece
 
     def around(self, piece: Piece, measured: Measured) -> Tube:
@@ -296,7 +271,7 @@ class Walk:
             off, off_rate = self.tube.around(k)
             low, high = measured.overlaps[k]
             if refined and low <= off and high >= -off:
-                low, high = bounds(difference(bond, piece.x) - bond.gap, refined)
+                low, high = measured.overlaps[k] = bounds(difference(bond, piece.x) - bond.gap, refined)
             always, slope, speed = sign_of(low - off, high + off), 0, 0.0
             if always == 0:
                 low, high = bounds(difference(bond, piece.v), refined)
@@ -336,13 +311,17 @@ def check_sample(sample: Sample, piece: Piece, tube: Tube, bits: int) -> None:
                 require(bool(inside), f"the sample at t = {shown(sample.time)} s may be outside its ball")
 
 
-def check_segment(chain: Chain, box: Box, target: Box, samples: tuple[Sample, ...]) -> tuple[list[Touch], int]:
+def check_segment(
+    chain: Chain, box: Box, target: Box, samples: tuple[Sample, ...], extremes: tuple[Extreme, ...]
+) -> tuple[list[Touch], int]:
     """Prove that the flow takes one box into the next and through the samples between; return touches and pieces."""
     reason = NotProved("")
     for of_box in OF_BOX:
         try:
             walk, waiting = Walk(chain, box, target, of_box), list(samples)
+            watch = Watch(chain, extremes, walk.known)
             for piece in walk.steps():
+                watch.follow(piece, walk.overlaps, walk.tube.around)
                 while waiting and waiting[0].time <= walk.time:
                     check_sample(waiting.pop(0), piece, walk.tube, walk.proposer.bits)
             walk.arrive()
@@ -370,9 +349,9 @@ def check_proof(path: str | Path, scene: Scene | None = None, jobs: int = 2) -> 
         file = claims.read_certificate(path)
         if scene is not None:
             claims.check_scene(file, scene)
-        claims.check_start(file.boxes[0], file.samples)
+        claims.check_start(file)
         tasks = [
-            (file.chain, box, target, tuple(s for s in file.samples if box.time < s.time <= target.time))
+            (file.chain, box, target, tuple(s for s in file.samples if box.time < s.time <= target.time), file.extremes)
             for box, target in pairwise(file.boxes)
         ]
         results = list(_run(tasks, jobs))
@@ -386,7 +365,9 @@ def check_proof(path: str | Path, scene: Scene | None = None, jobs: int = 2) -> 
     return claims.Check(True, f"proved: {counts} of {file.name}, in {pieces} pieces", len(tasks), pieces)
 
 
-def _run(tasks: list[tuple[Chain, Box, Box, tuple[Sample, ...]]], jobs: int) -> Iterator[tuple[list[Touch], int]]:
+def _run(
+    tasks: list[tuple[Chain, Box, Box, tuple[Sample, ...], tuple[Extreme, ...]]], jobs: int
+) -> Iterator[tuple[list[Touch], int]]:
     """Check segments, several at a time."""
     if jobs <= 1 or len(tasks) <= 1:
         yield from (check_segment(*task) for task in tasks)

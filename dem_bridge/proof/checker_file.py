@@ -90,6 +90,25 @@ class Sample:
     v: tuple[Ball, ...]
 
 
+#: crossing time of a contact that has none: later than every end
+NEVER = Ball(fmpq(10) ** 30, fmpq(0))
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """A claim: the largest overlap of a contact is in this ball, and so is the time of its first maximal compression.
+
+    Overlaps below 0 count as 0. None stands for what is not claimed.
+    """
+
+    overlap: Ball | None
+    at: fmpq
+    """About the time of the largest overlap; a help, no claim."""
+    crossing: Ball | None
+    shrinks: fmpq
+    """End of the time in which the overlap shrinks from the start, until the contact opens; a help, no claim."""
+
+
 @dataclass(frozen=True)
 class Certificate:
     """The scene and the claims of a file."""
@@ -101,6 +120,7 @@ class Certificate:
     boxes: tuple[Box, ...]
     touches: tuple[Touch, ...]
     samples: tuple[Sample, ...]
+    extremes: tuple[Extreme, ...]
 
 
 def read_certificate(path: str | Path) -> Certificate:
@@ -228,8 +248,6 @@ def _certificate(data: Any) -> Certificate:
     rest = {key: value for key, value in data.items() if key != "digest"}
     text = json.dumps(rest, sort_keys=True, separators=(",", ":"), allow_nan=False)
     require(hashlib.sha256(text.encode()).hexdigest() == file["digest"], "the digest is not that of the content")
-    for key in ("peaks", "crossings"):
-        require(not file.get(key), f"{key} are claims that are not checked; leave them out")
     scene = _entries(file["scene"], "scene", "name hash mass contacts velocity gravity constant_force duration count")
     require(isinstance(scene["name"], str) and isinstance(scene["hash"], str), "scene.name or scene.hash is no text")
     chain, duration = _chain(scene), exact(scene["duration"])
@@ -245,7 +263,42 @@ def _certificate(data: Any) -> Certificate:
         _touch(item, f"touch {k}", chain) for k, item in enumerate(_items(file["touches"], "touches", MOST_TOUCHES))
     ]
     samples = _samples(file["samples"], duration, scene["count"], until, n)
-    return Certificate(scene["name"], scene["hash"], duration, chain, boxes, tuple(touches), samples)
+    extremes = _extremes(file, chain, boxes, touches)
+    return Certificate(scene["name"], scene["hash"], duration, chain, boxes, tuple(touches), samples, extremes)
+
+
+def _extremes(
+    file: dict[str, Any], chain: Chain, boxes: Sequence[Box], touches: Sequence[Touch]
+) -> tuple[Extreme, ...]:
+    """Return the claims of largest overlaps and crossing times: none where an entry is missing or null."""
+    count, until = len(chain.bonds), boxes[-1].time
+    peaks, crossings = (_items(file.get(key, [None] * count), key, count, count) for key in ("peaks", "crossings"))
+    extremes = []
+    for k, (peak, crossing) in enumerate(zip(peaks, crossings, strict=True)):
+        overlap, at, time = None, fmpq(0), None
+        if peak is not None:
+            entry = _entries(peak, f"peak {k}", "overlap at")
+            overlap, at = _ball(entry["overlap"], f"peak {k}"), exact(entry["at"])
+            require(overlap.middle + overlap.radius >= 0, f"peak {k} is below 0, where overlaps below 0 count as 0")
+            require(0 <= at <= until, f"the time of peak {k} is not in the time that is proved")
+        if crossing is not None:
+            time = NEVER if crossing == "none" else _ball(crossing, f"crossing {k}")
+            inside = time.radius < time.middle and time.middle + time.radius <= until
+            require(time == NEVER or inside, f"crossing {k} is not in the time that is proved")
+        extremes.append(Extreme(overlap, at, time, _shrinking(k, chain.bonds[k], boxes[0], touches, time or NEVER)))
+    return tuple(extremes)
+
+
+def _shrinking(k: int, bond: Bond, start: Box, touches: Sequence[Touch], crossing: Ball) -> fmpq:
+    """Return about the time until which a contact that is closed at the start opens, before its crossing."""
+    first = next((touch for touch in touches if touch.contact == k), None)
+    if bond.gap >= 0 or (first is not None and first.closes):
+        return fmpq(0)
+    if first is None:
+        rate = sum((-sign * start.v[body].middle for body, sign in bond.ends), fmpq(0))
+        return NEVER.middle if rate < 0 and crossing == NEVER else fmpq(0)
+    opens = first.time.middle + first.time.radius
+    return opens if opens <= crossing.middle - crossing.radius else fmpq(0)
 
 
 def _check_order(boxes: Sequence[Box], velocity: Sequence[fmpq]) -> None:
@@ -300,11 +353,16 @@ def signs_in(chain: Chain, box: Box) -> list[int]:
     return signs
 
 
-def check_start(box: Box, samples: Sequence[Sample]) -> None:
-    """Require the sample at the time of the first checkpoint, if there is one, to hold the start."""
-    for sample in (sample for sample in samples if sample.time == box.time):
+def check_start(file: Certificate) -> None:
+    """Require a sample and largest overlaps at the time of the first checkpoint to hold the start."""
+    box = file.boxes[0]
+    for sample in (sample for sample in file.samples if sample.time == box.time):
         pairs = zip((*box.x, *box.v), (*sample.x, *sample.v), strict=True)
         require(all(abs(a.middle - b.middle) <= b.radius for a, b in pairs), "the first sample does not hold the start")
+    for bond, peak in zip(file.chain.bonds, file.extremes, strict=True):
+        if peak.overlap is not None and peak.at == box.time:
+            reached = peak.overlap.middle - peak.overlap.radius <= max(-bond.gap, fmpq(0))
+            require(reached, "a largest overlap may not be reached at the start")
 
 
 def check_scene(file: Certificate, scene: Scene) -> None:

@@ -8,15 +8,14 @@ from fractions import Fraction
 
 import numpy as np
 
-from dem_bridge.foundation.compiled import Bools, Ints
+from dem_bridge.foundation.compiled import Bools, Floats, Ints
 from dem_bridge.proof import balls as ball
 from dem_bridge.proof.balls import Balls
 from dem_bridge.proof.bounds import Coefficients, choose_step, find_signs, read_coefficients
 from dem_bridge.proof.problem import Problem, Scale
 from dem_bridge.proof.series import Chain, Space, evaluate_all, expand, place, survey
+from dem_bridge.proof.turns import Ball, Course, Curve, follow_overlap
 
-#: midpoint and radius
-Ball = tuple[Fraction, Fraction]
 #: highest order of a series
 MOST_ORDER = 224
 #: what a step may add to the largest radius, relative to it: a run has some ten thousand steps
@@ -45,6 +44,8 @@ class Step:
     """Sign of each overlap, where it is the same throughout the step, else 0."""
     rate: Ints
     """Sign of the rate of each overlap, where it is the same throughout the step, else 0."""
+    most: Floats
+    """Upper bounds of the overlaps within the step, m."""
 
 
 class Stopped(Exception):
@@ -140,7 +141,15 @@ class Flow:
         order, k = self._order, len(chain.left)
         place(space, n, self._state.address, self._precision)
         expand(chain, space, self._closed, moved, order, self._unit, self._precision)
-        shapes = (k, order + 1), (k, order + 1), (k, order + 1), (k, 2), (k, space.levels + 1, order), (n,)
+        shapes = (
+            (k, order + 1),
+            (k, order + 1),
+            (k, order + 1),
+            (k, order + 1),
+            (k, 2),
+            (k, space.levels + 1, order),
+            (n,),
+        )
         c = Coefficients(*(np.zeros(shape) for shape in shapes))
         read_coefficients(chain, space, self._closed, order, c)
         unit = math.ldexp(1.0, self._unit)
@@ -152,7 +161,8 @@ class Flow:
         end = min(self.time + step, until)
         signs = np.zeros((2, k), dtype=np.int64)
         find_signs(chain, c, self._closed, share, unit, self._errors, self._overlaps, signs)
-        made = Step(begin=self.time, end=end, side=signs[0], rate=signs[1])
+        most = np.nextafter(self._overlaps + self._apart()[0], np.inf)
+        made = Step(begin=self.time, end=end, side=signs[0], rate=signs[1], most=most)
         self._step = self.time, self._unit, order, self._precision
         self._evaluate(end, self._state)
         self.time, self.steps = end, self.steps + 1
@@ -170,6 +180,38 @@ class Flow:
         )
         for i, error in enumerate(self._errors.tolist()):
             ball.widen(target.at(i), error, self._space.spare)
+
+    def _apart(self) -> tuple[Floats, Floats]:
+        """Return how far overlaps (m) and their rates (m/s) may differ from the polynomials of the last step."""
+        both = np.column_stack([self._errors.reshape(2, self._n), np.zeros(2)])
+        apart, faster = 1.001 * (both[:, self._chain.left] + both[:, self._chain.right]) + ball.FLOOR
+        return apart, faster
+
+    def course(self, k: int) -> Course | None:
+        """Return the course of the overlap of a contact within the last step, if it can be proved."""
+        begin, unit, order, precision = self._step
+        length = self.time - begin
+        ratio, stride = length / Fraction(2) ** unit, self._space.stride
+        first = {"v": 0, "s": 2 * self._n * stride}
+
+        def series(name: str, row: int) -> list[Ball]:
+            balls = [self._series[first[name] + stride * row + o] for o in range(order + 1)]
+            return [(middle * ratio**o, radius * ratio**o) for o, (middle, radius) in enumerate(balls)]
+
+        zero = [(Fraction(0), Fraction(0))] * (order + 1)
+        left, right = (zero if i == self._n else series("v", i) for i in (self._chain.left[k], self._chain.right[k]))
+        apart, faster = (Fraction(float(error[k])) for error in self._apart())
+        return follow_overlap(
+            Curve(
+                begin=begin,
+                length=length,
+                overlap=tuple(series("s", k)),
+                rate=tuple((a - b, r + q) for (a, r), (b, q) in zip(left, right, strict=True)),
+                apart=apart,
+                faster=faster,
+                bits=precision + GUARD,
+            )
+        )
 
     def state(self, time: Fraction | None = None) -> Box:
         """Return displacements and velocities now, or at a time within the last step."""

@@ -14,8 +14,10 @@ from fractions import Fraction
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation import progress
 from dem_bridge.foundation.compiled import Ints
-from dem_bridge.proof.flow import Ball, Box, Flow, Step, Stopped
+from dem_bridge.proof.extremes import Extreme, Extremes, look
+from dem_bridge.proof.flow import Box, Flow, Step, Stopped
 from dem_bridge.proof.problem import Problem, Scale
+from dem_bridge.proof.turns import Ball
 
 #: number of checkpoints, and what their boxes are widened by: room for the checker
 CHECKPOINTS, WIDER = 30, 64
@@ -55,6 +57,8 @@ class Record:
     checkpoints: list[Checkpoint] = field(default_factory=list)
     touches: list[Touch] = field(default_factory=list)
     samples: list[Box] = field(default_factory=list)
+    extremes: list[Extreme] = field(default_factory=list)
+    """Largest overlap and first maximal compression of each contact."""
     reason: str = ""
     """Why the proof ends before the scene does."""
 
@@ -145,6 +149,7 @@ def prove_from(
         flow = Flow(problem, Fraction(0), start, scale=scale, bits=record.bits)
         record.checkpoints.append(_checkpoint(flow, start))
         record.samples.append(start)
+        record.extremes = look(problem, [Extreme()] * len(problem.left), start, Fraction(0))
     try:
         while (last := record.checkpoints[-1]).time < problem.duration:
             flow = Flow(problem, last.time, last.box, scale=scale, bits=record.bits)
@@ -156,7 +161,7 @@ def prove_from(
 
 def _prove_segment(flow: Flow, record: Record, digits: int) -> None:
     """Prove the motion up to the next checkpoint."""
-    problem, sides = flow.problem, _Sides(flow.side, flow.time)
+    problem, sides, extremes = flow.problem, _Sides(flow.side, flow.time), Extremes(record.extremes, flow.side)
     samples: list[Box] = []
     interval = problem.duration / CHECKPOINTS
     soonest = (flow.time // interval + 1) * interval
@@ -165,6 +170,7 @@ def _prove_segment(flow: Flow, record: Record, digits: int) -> None:
     while True:
         step = flow.advance(until)
         sides.follow(step, flow.side)
+        extremes.follow(step, flow.course)
         while (time := (len(record.samples) + len(samples)) * problem.duration / problem.count) <= step.end:
             if len(record.samples) + len(samples) > problem.count:
                 break
@@ -185,6 +191,7 @@ def _prove_segment(flow: Flow, record: Record, digits: int) -> None:
     record.checkpoints.append(_checkpoint(Flow(problem, flow.time, box, scale=flow.scale, bits=flow.bits), box))
     record.touches += sorted(sides.touches, key=lambda touch: touch.time[0])
     record.samples += samples
+    record.extremes = look(problem, extremes.now, flow.state(), flow.time)
 
 
 def _is_quiet(flow: Flow, soonest: Fraction, interval: Fraction) -> bool:

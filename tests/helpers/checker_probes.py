@@ -19,7 +19,7 @@ from flint import fmpq, fmpq_poly
 from scipy.integrate import quad
 from scipy.linalg import expm
 
-from dem_bridge.proof.checker_file import Ball, Box, Touch, exactly
+from dem_bridge.proof.checker_file import Ball, Box, Extreme, Touch, exactly
 from dem_bridge.proof.checker_guess import Bond, Chain, Piece
 from tests.helpers import proof_scenes, proofs
 
@@ -228,6 +228,101 @@ def claimed_touches_are_compared(checker: ModuleType, _: Path) -> None:
     ):
         with pytest.raises(checker.NotProved, match=sentence):
             checker.claims.check_touches(proved, claimed)
+
+
+#: errors of overlap and closing velocity in the pieces of a hump
+OFF = (1e-3, 0.1)
+
+
+def hump(kind: int, drop: float = 0.0) -> Piece:
+    """Return a piece of 1/8 s whose overlap is 1 - drop - (tau - 1/4)^2, tau going from 0 to 1 or, for kind -1, back.
+
+    The variable is tau for kind 0, and its root for the others. The overlap is largest at 1/32 s or 3/32 s.
+    """
+    overlap, rate = [15 / 16 - drop, 0.5, -1.0], [4.0, -16.0]
+    if kind == 0:
+        return piece([overlap, [0.0]], [rate, [0.0]])
+    x, v = ([c for each in series for c in (each, 0.0)] for series in (overlap, rate))
+    if kind == 1:
+        return replace(piece([x, [0.0]], [v, [0.0]]), linear=ZERO, square=fmpq(1, 8))
+    back = piece([x, [0.0]], [[-c for c in v], [0.0]])
+    return replace(back, center=fmpq(1, 8), linear=ZERO, square=fmpq(-1, 8))
+
+
+def watch(checker: ModuleType, claim: Extreme, kind: int = 0, *, drop: float = 0.0, known: int = 1) -> None:
+    """Put a claim to the checker for a hump of one contact."""
+    p = hump(kind, drop)
+    # fine bounds, but for the place of the maximum
+    overlaps = [(-drop - 1e-9, 1.0 - drop + 1e-9)] if drop > 1.0 else [checker.bounds(p.x[0] - p.x[1])]
+    checker.Watch(chain(), (claim,), (known,)).follow(p, overlaps, lambda _: OFF)
+
+
+def ball_of(middle: float, radius: float) -> Ball:
+    return Ball(exactly(middle), exactly(radius))
+
+
+def largest_overlaps_are_enclosed(checker: ModuleType, _: Path) -> None:
+    """Claim what the error allows, and a little less than it needs."""
+    for kind, time in ((0, 1 / 32), (1, 1 / 32), (-1, 3 / 32)):
+        at = exactly(time)
+        watch(checker, Extreme(ball_of(1.0, 0.0011), at, None, ZERO), kind)
+        for claim, when, sentence in (
+            (ball_of(1.0, 0.0009), at, "may not be reached"),
+            (ball_of(1.0003, 0.0011), at, "may not be reached"),
+            (ball_of(0.9997, 0.0011), at, "may be exceeded"),
+            (ball_of(1.0, 0.0011), at - fmpq(1, 64), "may not be reached"),
+            (ball_of(1.0, 0.0011), at + fmpq(1, 64), "may not be reached"),
+            (ball_of(0.99, 0.02), at - fmpq(1, 64), "may be exceeded"),
+            (ball_of(0.99, 0.02), at + fmpq(1, 64), "may be exceeded"),
+            (ball_of(0.9, 0.05), fmpq(1), "may be exceeded"),
+        )[: 8 if kind == 0 else 5]:
+            with pytest.raises(checker.NotProved, match=sentence):
+                watch(checker, Extreme(claim, when, None, ZERO), kind)
+    # an overlap that is below 0 counts as 0, up to its error
+    watch(checker, Extreme(ball_of(0.0, 0.0), ZERO, None, ZERO), drop=1.0011)
+    for drop, claim in ((1.0009, ball_of(0.0, 0.0)), (1.5, ball_of(0.01, 0.001))):
+        with pytest.raises(checker.NotProved, match="largest overlap"):
+            watch(checker, Extreme(claim, fmpq(1, 32), None, ZERO), drop=drop)
+
+
+def crossing_times_are_enclosed(checker: ModuleType, _: Path) -> None:
+    """Claim crossings for a rate with the slope 128/s^2 and the error 0.1: half a radius must exceed 1/1280 s."""
+
+    def claimed(middle: float, radius: float, shrinks: float = 0.0) -> Extreme:
+        return Extreme(None, ZERO, ball_of(middle, radius), exactly(shrinks))
+
+    for kind, time in ((0, 1 / 32), (1, 1 / 32), (-1, 3 / 32)):
+        watch(checker, claimed(time, 0.0017), kind)
+        for middle, radius, sentence in (
+            (time, 0.0015, "may be near"),
+            (time + 0.0002, 0.0017, "may be near"),
+            (time - 0.0002, 0.0017, "may be after its ball"),
+            (time + 0.02, 0.0017, "may be near"),
+            (1e30, 0.0, "may be near"),
+        ):
+            with pytest.raises(checker.NotProved, match=sentence):
+                watch(checker, claimed(middle, radius), kind)
+    with pytest.raises(checker.NotProved, match="before the contact closes"):
+        watch(checker, claimed(1 / 32, 0.0017), drop=0.9995)
+    # a contact counts from the time at which its overlap has a sign, and until then its rate may have any
+    watch(checker, claimed(1.0, 0.1), drop=0.9, known=0)
+    for drop, known in ((0.9, 1), (-1.0, 0)):
+        with pytest.raises(checker.NotProved, match="may be near"):
+            watch(checker, claimed(1.0, 0.1), drop=drop, known=known)
+    # a rate that is below 0 up to 1/16 of the piece, too
+    dip = replace(hump(0), v=(fmpq_poly([-1, 20, -64]), fmpq_poly([0])))
+    with pytest.raises(checker.NotProved, match="may be near"):
+        checker.Watch(chain(), (claimed(1 / 32, 0.0025),), (1,)).follow(dip, [(0.1, 1.0)], lambda _: OFF)
+    # an open contact may move in any way
+    watch(checker, claimed(1.0, 0.1), drop=1.5)
+    falling = replace(hump(0), v=(fmpq_poly([-4, -16]), fmpq_poly([0])))
+    for shrinks in (0.0, 1.0):
+        look = checker.Watch(chain(), (claimed(2.0, 0.1, shrinks),), (1,))
+        if shrinks:
+            look.follow(falling, [(0.5, 1.0)], lambda _: OFF)
+        else:
+            with pytest.raises(checker.NotProved, match="may be near"):
+                look.follow(falling, [(0.5, 1.0)], lambda _: OFF)
 
 
 def truth_is_proved(checker: ModuleType, folder: Path) -> None:

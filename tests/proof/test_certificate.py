@@ -5,6 +5,7 @@ from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import dem_bridge as db
@@ -37,6 +38,8 @@ def test_a_proof_that_was_interrupted_goes_on(tmp_path: Path) -> None:
     assert again.complete
     assert again.certificate["checkpoints"] == whole.certificate["checkpoints"]
     assert again.certificate["touches"] == whole.certificate["touches"]
+    assert again.crossing_time.tolist() == whole.crossing_time.tolist()
+    np.testing.assert_allclose(again.peak_force, whole.peak_force, rtol=1e-15)
     assert json.loads(file.read_text())["digest"] == digest_of(again.certificate)
 
 

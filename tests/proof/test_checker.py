@@ -227,7 +227,8 @@ FAULTS: dict[str, tuple[Callable[[File], None], str]] = {
     "another schema": (set_at("schema")("dem-bridge/proof/2"), "schema ="),
     "a key is missing": (drop(*TOUCH, "closes"), "lacks ['closes']"),
     "an unknown key": (set_at("remark")("right"), "unknown ['remark']"),
-    "claims that are not checked": (set_at("peaks")([{"contact": 0}]), "peaks are claims"),
+    "peaks of fewer contacts": (set_at("peaks")([{"contact": 0}]), "peaks has 1 entries in place of 3"),
+    "a peak without its time": (set_at("peaks")([{"overlap": ["0", "0"]}] * 3), "peak 0 lacks ['at']"),
     "a list of no length": (set_at("checkpoints")({}), "is no list"),
 }
 

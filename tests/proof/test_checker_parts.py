@@ -31,6 +31,8 @@ PARTS: tuple[Probe, ...] = (
     probes.pieces_continue,
     probes.numbers_are_rounded_up,
     probes.claimed_touches_are_compared,
+    probes.largest_overlaps_are_enclosed,
+    probes.crossing_times_are_enclosed,
     probes.truth_is_proved,
     probes.near_a_touch_is_refused,
 )
@@ -67,11 +69,11 @@ def _set(value: object, *path: object) -> Probe:
 
 #: part of the source, what it becomes, the probe that notices: of the checker, and of its reading of files
 MUTANTS: list[tuple[str, str, str, Probe]] = [
-    ("checker", "rest[0] + flatter >= 0", "rest[0] >= 0", probes.bounds_hold),
-    ("checker", "rest[0] + steeper <= 0", "rest[0] <= 0", probes.bounds_hold),
-    ("checker", "sum((c for c in rest if c < 0), zero)", "zero", probes.bounds_hold),
-    ("checker", "sum((c for c in rest if c > 0), zero)", "zero", probes.bounds_hold),
-    ("checker", "for part in (0, 1)]", "for part in (0, 0)]", probes.bounds_hold),
+    ("checker_extremes", "rest[0] + flatter >= 0", "rest[0] >= 0", probes.bounds_hold),
+    ("checker_extremes", "rest[0] + steeper <= 0", "rest[0] <= 0", probes.bounds_hold),
+    ("checker_extremes", "sum((c for c in rest if c < 0), zero)", "zero", probes.bounds_hold),
+    ("checker_extremes", "sum((c for c in rest if c > 0), zero)", "zero", probes.bounds_hold),
+    ("checker_extremes", "for part in (0, 1)]", "for part in (0, 0)]", probes.bounds_hold),
     ("checker", "sum(map(abs, poly", "sum(map(int, poly", probes.bounds_hold),
     ("checker", "claims.half_power(overlaps[-1][1], bond.twice)", "0.0", probes.defects_hold),
     (
@@ -136,6 +138,48 @@ MUTANTS: list[tuple[str, str, str, Probe]] = [
         _narrow(10**15, "samples", "velocity", 3, 0),
     ),
     ("checker", "            walk.arrive()\n", "", _narrow(10**5, "checkpoints", 2, "velocity", 2)),
+    ("checker_extremes", "value - off >= least", "value >= least", probes.largest_overlaps_are_enclosed),
+    ("checker_extremes", "least <= 0 or value", "True or value", probes.largest_overlaps_are_enclosed),
+    ("checker_extremes", "value + max(*steps, fmpq(0))", "value", probes.largest_overlaps_are_enclosed),
+    (
+        "checker_extremes",
+        "-limits(within(slope, fmpq(0), q), HALVINGS)[0]",
+        "fmpq(0)",
+        probes.largest_overlaps_are_enclosed,
+    ),
+    (
+        "checker_extremes",
+        "limits(within(slope, q, fmpq(1)), HALVINGS)[1])",
+        "fmpq(0))",
+        probes.largest_overlaps_are_enclosed,
+    ),
+    ("checker_extremes", "high + off <= max(most", "high <= max(most", probes.largest_overlaps_are_enclosed),
+    (
+        "checker_extremes",
+        "or passage.contains(claim.at)",
+        "and passage.contains(claim.at)",
+        probes.largest_overlaps_are_enclosed,
+    ),
+    ("checker_extremes", "scaled.isqrt()", "scaled >> _BITS", probes.crossing_times_are_enclosed),
+    ("checker_extremes", "piece.square * q * q", "piece.square * q", probes.crossing_times_are_enclosed),
+    ("checker_extremes", "passage.overlap(q) > passage.off", "True", probes.crossing_times_are_enclosed),
+    (
+        "checker_extremes",
+        "(fmpq(0), q) if piece.square >= 0 else (q, fmpq(1))",
+        "(fmpq(0), q)",
+        probes.crossing_times_are_enclosed,
+    ),
+    (
+        "checker_extremes",
+        "(fmpq(0), q) if piece.square >= 0 else",
+        "(q, q) if piece.square >= 0 else",
+        probes.crossing_times_are_enclosed,
+    ),
+    ("checker_extremes", "least > off_rate", "least > 0", probes.crossing_times_are_enclosed),
+    ("checker_extremes", "rate(q) < -off_rate", "rate(q) < 0", probes.crossing_times_are_enclosed),
+    ("checker_extremes", "-rate if passage.begins < shrinks else rate", "rate", probes.crossing_times_are_enclosed),
+    ("checker_extremes", "(side == 0 and self.known[k])", "False", probes.crossing_times_are_enclosed),
+    ("checker_extremes", "side > 0 or (side", "False or (side", probes.crossing_times_are_enclosed),
     (
         "checker_file",
         "math.nextafter(int(value.p) / int(value.q), math.inf)",
@@ -180,8 +224,8 @@ NOTICED = (AssertionError, pytest.fail.Exception, ArithmeticError, ValueError, D
 @contextmanager
 def _mutant(module: str, old: str, new: str) -> Iterator[ModuleType]:
     """Import the checker anew with a change in one of its modules, and the module as it was afterwards."""
-    names = ["dem_bridge.proof.checker"]
-    names = ["dem_bridge.proof.checker_file", *names] if module == "checker_file" else names
+    order = ("checker_file", "checker_extremes", "checker")  # each imports those before it
+    names = [f"dem_bridge.proof.{name}" for name in order[order.index(module) :]]
     kept = {name: sys.modules[name] for name in names}
     try:
         for name in names:

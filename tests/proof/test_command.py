@@ -31,10 +31,21 @@ def test_a_scene_is_proved_and_its_certificate_written(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert done.stdout.splitlines()[0] == "pair: proved up to 0.0001 s"
     assert "6 samples, 2 touches" in done.stdout
+    assert "peak forces of 1 of 1 contacts, radius at most" in done.stdout
+    assert "crossing times of 1 of 1 contacts, radius at most" in done.stdout
     document = json.loads((tmp_path / "pair.json").read_text())
     assert document["schema"] == "dem-bridge/proof/1"
     done = run_here("prove", "pair.toml", "--check", "pair.json", "-j", "1", cwd=tmp_path)
     assert (done.returncode, "2 touches" in done.stdout) == (0, True)
+    done = run_here("prove", "pair.toml", "-o", "pair.json", "--json", cwd=tmp_path)
+    printed = json.loads(done.stdout)
+    (force, radius), (time, _) = printed["peak_force"][0], printed["crossing_time"][0]
+    assert (printed["complete"], len(printed["touches"])) == (True, 2)
+    assert 0.0 < radius < 1e-15 * force
+    # the contact is symmetric in time
+    assert time == pytest.approx(sum(touch["time"][0] for touch in printed["touches"]) / 2, rel=1e-14)
+    done = run_here("prove", "--check", "pair.json", "-j", "1", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout)["proved"] is True
     document["touches"].pop()
     (tmp_path / "forged.json").write_text(json.dumps({**document, "digest": digest_of(document)}))
     done = run_here("prove", "--check", "forged.json", "-j", "1", cwd=tmp_path)

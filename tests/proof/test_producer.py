@@ -113,6 +113,13 @@ def test_the_reference_lies_inside_at_its_own_accuracy(seed: int) -> None:
     for name in ("velocity", "displacement"):
         error = np.abs(getattr(run, name) - getattr(proof, name)) - getattr(proof, f"{name}_radius")
         assert error.max() <= run.uncertainty[name]
+    established = np.isfinite(proof.crossing_time_radius)
+    assert established.sum() >= established.size - 1  # an overlap may have a minimum before its first maximum
+    assert (np.isnan(run.crossing_time) == np.isnan(proof.crossing_time))[established].all()
+    for name in ("peak_force", "crossing_time"):
+        values, radii = getattr(proof, name), getattr(proof, f"{name}_radius")
+        error, known = np.abs(getattr(run, name) - values) - radii, np.isfinite(values)
+        assert (error <= run.uncertainty[name])[known].all()
 
 
 @pytest.mark.slow
