@@ -222,7 +222,7 @@ def stiffness_against(partner: str, *, radius: float, young: float, poisson: flo
     Examples
     --------
     >>> f"{stiffness_against('rigid-wall', radius=0.1, young=7e10, poisson=0.3):.6g}"
-    '3.24326e+10'
+    '3.24336e+10'
     """
     if partner == "sphere":
         return sphere_on_sphere(radius=radius, young=young, poisson=poisson).stiffness
