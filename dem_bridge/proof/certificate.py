@@ -30,8 +30,8 @@ _LAST_DIGIT = Fraction(1, 10**17)
 _LEAST = Fraction(1, 10**20)
 #: a largest overlap whose radius is above this part of the largest of all is left out
 _WIDEST = Fraction(1, 10**6)
-#: bits of the time at which an overlap is largest, below the duration
-_BITS_OF_TIME = 128
+#: unit of the time at which an overlap is largest, relative to the duration
+_TIME = Fraction(1, 10**28)
 #: an upper bound of any overlap, m: what is known of a contact of which a file says nothing
 _UNKNOWN = Fraction(10**9)
 
@@ -152,22 +152,21 @@ def is_known(extremes: Sequence[Extreme]) -> list[bool]:
 
 def _peaks(problem: Problem, extremes: Sequence[Extreme]) -> list[dict[str, Any] | None]:
     """Return the largest overlaps with a time at which each is reached; null where one is not established."""
-    least = _LEAST * max((extreme.low for extreme in extremes), default=Fraction(0))
-    grid = Fraction(2) ** (math.floor(math.log2(problem.duration)) - _BITS_OF_TIME)
+    largest = max((extreme.low for extreme in extremes), default=Fraction(0))
+    least, of_time = _place(_LEAST * largest) if largest else -300, _place(_TIME * problem.duration)
     entries: list[dict[str, Any] | None] = []
     for extreme, known in zip(extremes, is_known(extremes), strict=True):
-        middle, radius = (extreme.high + extreme.low) / 2, (extreme.high - extreme.low) / 2
-        peak = {"overlap": _pair((middle, WIDER * radius + least)), "at": str(round(extreme.at / grid) * grid)}
-        entries.append(peak if known else None)
+        ball = (extreme.high + extreme.low) / 2, (extreme.high - extreme.low) / 2
+        at = f"{math.floor(extreme.at / Fraction(10) ** of_time)}e{of_time}"
+        entries.append({"overlap": _sample(ball, least), "at": at} if known else None)
     return entries
 
 
-def _crossing(problem: Problem, extreme: Extreme) -> list[str] | str | None:
+def _crossing(problem: Problem, extreme: Extreme) -> str | None:
     """Return a crossing time; "none" if the contact is proved to have none, null if it is not established."""
     if isinstance(extreme.crossing, Unknown):
         return "none" if extreme.crossing is Unknown.NONE else None
-    middle, radius = extreme.crossing
-    return _pair((middle, WIDER * radius + _LEAST * problem.duration))
+    return _sample(extreme.crossing, _place(_LEAST * problem.duration))
 
 
 def _read_box(displacement: Any, velocity: Any) -> Box:

@@ -278,11 +278,11 @@ def _extremes(
         overlap, at, time = None, fmpq(0), None
         if peak is not None:
             entry = _entries(peak, f"peak {k}", "overlap at")
-            overlap, at = _ball(entry["overlap"], f"peak {k}"), exact(entry["at"])
+            overlap, at = _ball(entry["overlap"], f"peak {k}", short=True), exact(entry["at"])
             require(overlap.middle + overlap.radius >= 0, f"peak {k} is below 0, where overlaps below 0 count as 0")
             require(0 <= at <= until, f"the time of peak {k} is not in the time that is proved")
         if crossing is not None:
-            time = NEVER if crossing == "none" else _ball(crossing, f"crossing {k}")
+            time = NEVER if crossing == "none" else _ball(crossing, f"crossing {k}", short=True)
             inside = time.radius < time.middle and time.middle + time.radius <= until
             require(time == NEVER or inside, f"crossing {k} is not in the time that is proved")
         extremes.append(Extreme(overlap, at, time, _shrinking(k, chain.bonds[k], boxes[0], touches, time or NEVER)))

@@ -58,9 +58,9 @@ def test_those_of_a_collision_are_exact(tmp_path: Path, exponent: float) -> None
     peak, crossing = found.certificate["peaks"][0], found.certificate["crossings"][0]
     assert contains(peak["overlap"], depth)
     assert contains(crossing, gap / closing + half)
-    # radii are 1e-20 of the largest overlap and of the duration, rounded up
-    assert read_ball(peak["overlap"])[1] <= Fraction(2, 10**20) * depth
-    assert read_ball(crossing)[1] <= Fraction(2, 10**20) * Fraction(scene.duration)
+    # radii are 1e-20 of the largest overlap and of the duration, rounded up to a power of ten
+    assert read_ball(peak["overlap"])[1] <= Fraction(1, 10**19) * depth
+    assert read_ball(crossing)[1] <= Fraction(1, 10**19) * Fraction(scene.duration)
     assert abs(Fraction(found.peak_force[0]) - force) <= Fraction(found.peak_force_radius[0])
     assert found.peak_force_radius[0] <= 2.0**-52 * found.peak_force[0]
     assert checked(found.certificate, tmp_path).startswith("proved")
@@ -180,14 +180,21 @@ def test_a_file_that_says_nothing_of_them_goes_on_without_them(tmp_path: Path) -
     assert record.extremes[0].high > 1
 
 
-def moved(ball: list[str], radii: int) -> list[str]:
+def moved(entry: Any, radii: int) -> list[str]:
     """Return a ball that is moved by a multiple of its radius."""
-    return [proofs.text(Fraction(ball[0]) + radii * Fraction(ball[1]), 60), ball[1]]
+    middle, radius = read_ball(entry)
+    return [proofs.text(middle + radii * radius), proofs.text(radius)]
 
 
-def narrow(ball: list[str]) -> list[str]:
+def narrow(entry: Any) -> list[str]:
     """Return a ball without room for the errors of the checker."""
-    return [ball[0], "1e-60"]
+    return [proofs.text(read_ball(entry)[0]), "1e-60"]
+
+
+def halved(entry: Any) -> list[str]:
+    """Return a ball around half of a number."""
+    middle, radius = read_ball(entry)
+    return [proofs.text(middle / 2), proofs.text(radius)]
 
 
 def of_crossing(change: Callable[[list[str]], Any]) -> Callable[[File], None]:
@@ -214,8 +221,8 @@ FAULTS: dict[str, tuple[Callable[[File], None], str]] = {
     "a peak is lower": (of_peak("overlap", lambda b: moved(b, -2)), "contact 1 may be exceeded"),
     "a peak is higher": (of_peak("overlap", lambda b: moved(b, 2)), "contact 1 may not be reached"),
     "a peak is shrunk": (of_peak("overlap", narrow), "the largest overlap of contact 1 may"),
-    "a peak is half": (of_peak("overlap", lambda b: [proofs.text(Fraction(b[0]) / 2), b[1]]), "contact 1 may"),
-    "a peak is nothing": (of_peak("overlap", lambda b: ["0", b[1]]), "contact 1 may be exceeded"),
+    "a peak is half": (of_peak("overlap", halved), "contact 1 may"),
+    "a peak is nothing": (of_peak("overlap", lambda _: ["0", "1e-20"]), "contact 1 may be exceeded"),
     "a peak is below 0": (of_peak("overlap", lambda b: ["-1", "0"]), "peak 1 is below 0"),
     "a peak is at the start": (of_peak("at", lambda _: "0"), "may not be reached at the start"),
     "a peak is at another time": (of_peak("at", lambda t: proofs.ratio(Fraction(t) / 2)), "contact 1 may not be"),
