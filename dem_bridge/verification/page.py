@@ -29,6 +29,7 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.banner import banner_of
 from dem_bridge.verification.chains import chains_of, error_scale
 from dem_bridge.verification.independence import ANSWERS_THROUGH, Shared, matrix
+from dem_bridge.verification.proved import ProvedMotion, proved_motion
 from dem_bridge.verification.reference_choice import BLANES_MOAN, REFERENCE, SCIPY
 from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN
 from dem_bridge.verification.verification import Verification
@@ -52,9 +53,16 @@ _SHOWN_OTHERWISE = ("claims", "verdicts")
 def verification_files(study: Verification, store: Store | None = None) -> dict[str, str | bytes]:
     """Return the files of a verification by name, for the paper with an RO-Crate; pictures are kept in ``store``."""
     files = study_files(study, store, template=("verification.html.j2", __package__), **_shown(study, store))
+    files |= {motion.link: motion.file.read_bytes() for motion in _proved(study)}
     if study.claims:
         files[records.NAME] = records.crate(study, files)
     return files
+
+
+def _proved(study: Verification) -> list[ProvedMotion]:
+    """Return the proved motions of the scenes; their certificates are files of the report."""
+    motions = (proved_motion(item.scene) for item in study.studies)
+    return [motion for motion in motions if motion is not None]
 
 
 def _with_figures(study: Verification) -> list[SceneStudy]:
@@ -85,6 +93,7 @@ def _shown(study: Verification, store: Store | None) -> dict[str, Any]:
         "chains": shown_chains(_played(study)),
         "scale": None if errors is None else error_scale_of(errors),
         "picture_of": partial(picture_of_runs, store=store),
+        "certificates": [motion.link for motion in _proved(study)],
         "paper": bool(study.claims),
         "scope": scope(study),
         "sketch": lambda chain: Markup(scene_sketch(chain.scene)),

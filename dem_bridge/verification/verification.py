@@ -21,6 +21,7 @@ from dem_bridge.runs.store import Store
 from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.closed_form import closed_form_table
+from dem_bridge.verification.proved import proved_sentence, proved_table
 from dem_bridge.verification.reference_choice import REFERENCE, SCIPY
 from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN
 from dem_bridge.version import __version__
@@ -93,12 +94,12 @@ def verification_of(
 ) -> Verification:
     """Return the verification of some scenes."""
     verdicts = tuple(verdict for study in studies for verdict in study.verdicts)
-    closed = closed_form_table(studies)
+    exact = [table for table in (closed_form_table(studies), proved_table(studies)) if table is not None]
     return Verification(
         id="verify",
         title=TEXTS("title", scenes=", ".join(study.scene.name for study in studies)),
         answer=tuple(map(_answer, studies)),
-        tables=(*([] if closed is None else [closed]), verdict_table(verdicts), observable_table(studies)),
+        tables=(*exact, verdict_table(verdicts), observable_table(studies)),
         verdicts=verdicts,
         notes=tuple(notes),
         provenance=_provenance(studies, accuracy, wall),
@@ -178,6 +179,8 @@ def _answer(study: SceneStudy) -> str:
         twin=same,
         positional=same_positions,
     )
+    if proved := proved_sentence(study):
+        answer += " " + proved
     worst, end = verdict("arrival", THEORY, REFERENCE), verdict("arrival_at_end", THEORY, REFERENCE)
     if worst is not None and end is not None:
         answer += " " + TEXTS("theory", end=100.0 * end.difference, worst=100.0 * worst.difference)
