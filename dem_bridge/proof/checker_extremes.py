@@ -1,8 +1,8 @@
 """Bound polynomials on [0, 1], and prove the largest overlaps and first maximal compressions that a file claims.
 
 **Lemma 4 (largest overlap).** A polynomial D with ``D' >= -a`` on [0, q] and ``D' <= b`` on [q, 1] is at most
-``D(q) + max(a, b, 0)`` on [0, 1]. So the largest overlap is at most ``M + r`` if the bounds of all pieces, with the
-error of the tube, are; and at least ``M - r`` if the overlap is that at the time that the file names.
+``D(q) + max(a q, b (1 - q), 0)`` on [0, 1]. So the largest overlap is at most ``M + r`` if the bounds of all pieces,
+with the error of the tube, are; and at least ``M - r`` if the overlap is that at the time that the file names.
 
 **Lemma 5 (crossing).** Let the rate of an overlap have one sign in all pieces in which the contact may be closed, up to
 a time t1 at which the overlap is above 0 and the rate is, and let the rate be below 0 at t2 > t1. Then the first time
@@ -134,8 +134,9 @@ def _check_peak(passage: Passage, high: fmpq, claim: Ball, at: fmpq) -> None:
         value = overlap(q)
         require(least <= 0 or value - off >= least, f"{name} may not be reached at t = {shown(at)} s")
         if high + off > most:
-            steps = (-limits(within(slope, fmpq(0), q), HALVINGS)[0], limits(within(slope, q, fmpq(1)), HALVINGS)[1])
-            high = value + max(*steps, fmpq(0))
+            before, after = within(slope, fmpq(0), q), within(slope, q, fmpq(1))
+            rises = -limits(before, HALVINGS)[0] * q, limits(after, HALVINGS)[1] * (1 - q)
+            high = value + max(*rises, fmpq(0))
     elif high + off > most:
         high = limits(overlap, HALVINGS)[1]
     require(high + off <= max(most, fmpq(0)), f"{name} may be exceeded after t = {shown(passage.begins)} s")

@@ -111,6 +111,15 @@ def test_a_contact_that_opens_from_the_start_has_no_crossing_before_it_closes(tm
     assert "the crossing time of contact 0 may be near" in checked(none, tmp_path)
 
 
+def test_an_overlap_that_still_grows_is_largest_at_the_end(tmp_path: Path) -> None:
+    scene = replace(PAIR, duration=2e-5)
+    found, run = proof(scene), db.solve(scene, backend="reference")
+    assert found.certificate["crossings"] == ["none"]
+    overlap = run.displacement[-1, 0] - run.displacement[-1, 1] - 2e-6
+    np.testing.assert_allclose(found.peak_force, 4e9 * overlap**1.5, rtol=1e-12)
+    assert checked(found.certificate, tmp_path).startswith("proved")
+
+
 def test_what_is_not_established_is_left_out_and_said() -> None:
     released = replace(PAIR, gap=(-2e-7,), velocity=(0.0, 0.0), duration=3e-5)
     found = proof(released)
