@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 from fractions import Fraction
@@ -24,7 +25,6 @@ from dem_bridge.verification.proved import COLUMNS, proved_motion, proved_senten
 from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import assign_roles
 from dem_bridge.verification.verification import verification_of
-from tests.helpers.proofs import sealed
 
 PAIR = Scene(
     name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), gap=(1e-6,), samples=20
@@ -66,7 +66,8 @@ def certificate(run: Trajectory, *, every: int = 1, until: int = 20, **changes: 
 
 def written(document: dict[str, Any], folder: Path) -> Path:
     """Write a certificate; each test has its own folder, and a certificate is read once."""
-    (folder / "pair.json").write_text(json.dumps(sealed(document)))
+    digest = hashlib.sha256(json.dumps(document, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    (folder / "pair.json").write_text(json.dumps(document | {"digest": digest}))
     return folder / "pair.json"
 
 
