@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dem_bridge.backends.driven import driven_of
 from dem_bridge.backends.scales import natural_scales
 from dem_bridge.errors import RunBroken
-from dem_bridge.judging import kernels
+from dem_bridge.judging import kernels, plain_kernels
 from dem_bridge.judging.kernels import System, kinds_of
 from dem_bridge.scene.scene import Scene
 
@@ -94,7 +94,10 @@ class Model:
         MotionTooLong
             If the motion of the scene itself needs too many steps.
         """
-        *motion, end = kernels.adaptive(system, np.ascontiguousarray(times), self.speed, tolerance, *self._pair)
+        line, rest = plain_kernels.line_of(system), (np.ascontiguousarray(times), self.speed, tolerance, *self._pair)
+        *motion, end = (
+            kernels.adaptive(system, *rest) if line is None else plain_kernels.adaptive(line, system.first_step, *rest)
+        )
         if system is self.system and end < times[-1]:
             raise MotionTooLong(
                 f"the exact motion of {self.scene.name} takes more than {kernels.MOST_ADAPTIVE_STEPS} steps to"
@@ -104,7 +107,12 @@ class Model:
 
     def stepped(self, system: System, steps: NDArray[np.int64], dt: float, method: int = kernels.VERLET) -> Motion:
         """Return the motion after ``steps`` steps of ``dt`` (s) by a method of :mod:`.kernels`."""
-        return Motion(*kernels.fixed(system, steps, dt, method, self.speed))
+        line = plain_kernels.line_of(system)
+        if line is None or method not in plain_kernels.METHODS:
+            return Motion(*kernels.fixed(system, steps, dt, method, self.speed))
+        if method == kernels.RK4:
+            return Motion(*plain_kernels.runge_kutta(line, steps, dt, self.speed))
+        return Motion(*plain_kernels.fixed(line, steps, dt, method))
 
     def stepped_at(self, system: System, times: Floats, dt: float, method: int = kernels.VERLET) -> Motion:
         """Return the motion at ``times`` (s) by steps of ``dt`` (s), interpolated where times are between steps.

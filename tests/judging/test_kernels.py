@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from dem_bridge.judging import kernels
+from dem_bridge.judging import kernels, plain_kernels
 from dem_bridge.judging.kernels import System
 from dem_bridge.judging.model import Model, MotionTooLong
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
@@ -181,10 +181,14 @@ def test_a_motion_without_numbers_ends_as_nan_and_not_in_an_endless_loop() -> No
     assert np.all(np.isnan(out[1][1]))
 
 
-def test_a_motion_that_needs_too_many_steps_is_an_error_and_no_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kernels, "adaptive", kernels.adaptive.interpret)
-    monkeypatch.setattr(kernels, "MOST_ADAPTIVE_STEPS", 20)
-    model, times = Model(CHAIN), np.linspace(0.0, CHAIN.duration, 5)
+@pytest.mark.parametrize("scene", [CHAIN, replace(CHAIN, exponent=(2.5, 2.2))], ids=["plain", "general"])
+def test_a_motion_that_needs_too_many_steps_is_an_error_and_no_rest(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (kernels, plain_kernels):
+        monkeypatch.setattr(module, "adaptive", module.adaptive.interpret)
+        monkeypatch.setattr(module, "MOST_ADAPTIVE_STEPS", 20)
+    model, times = Model(scene), np.linspace(0.0, scene.duration, 5)
     with pytest.raises(
         MotionTooLong, match=r"of three takes more than 20 steps to 0.0001 s \(it was followed to .*e-0"
     ):
@@ -193,5 +197,5 @@ def test_a_motion_that_needs_too_many_steps_is_an_error_and_no_rest(monkeypatch:
     other = model.system.changed(stiffness=2.0 * model.system.stiffness)
     assert np.isnan(model.exact(other, times).velocity[-1]).all()
     # each of many times has steps of its own
-    still = Model(replace(CHAIN, velocity=(0.8, 0.8, 0.8), wall_left=None, wall_right=None))
+    still = Model(replace(scene, velocity=(0.8, 0.8, 0.8), wall_left=None, wall_right=None))
     assert still.exact(still.system, np.linspace(0.0, 1e-6, 100)).velocity[-1].tolist() == [0.8, 0.8, 0.8]
