@@ -9,11 +9,15 @@ q the motion is analytic there, and the series has its centre at the touch.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from operator import mul
 
-from flint import fmpq, fmpq_poly, fmpz
+import numpy as np
+from flint import fmpq, fmpq_poly
+
+from dem_bridge.foundation.compiled import Floats
+from dem_bridge.proof.checker_expand import Expander, Expansion
+from dem_bridge.proof.checker_series import BITS, rounded
 
 #: most corrections of the time at which a contact opens; each leaves less than the error to the power 3/2
 MOST_LANDINGS = 20
@@ -25,7 +29,7 @@ OF_PERIOD, OF_TURN = 0.3, 0.5
 NEAR_TOUCH = 2**14
 #: points at which an open contact is searched for a touch
 GRID = 12
-Series = list[fmpz]
+Numbers = list[int]
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,12 @@ class Bond:
     @property
     def ends(self) -> list[tuple[int, int]]:
         """Bodies with the sign of the force on them; the sign of the overlap is the opposite one."""
-        return [(body, sign) for body, sign in ((self.left, -1), (self.right, 1)) if body is not None]
+        return [(body, sign) for body, sign in _sides(self) if body is not None]
+
+
+def _sides(bond: Bond) -> tuple[tuple[int | None, int], ...]:
+    """Return the bodies of a contact or None with the signs of the forces."""
+    return (bond.left, -1), (bond.right, 1)
 
 
 @dataclass(frozen=True)
@@ -69,81 +78,42 @@ class Piece:
     touching: frozenset[int]
 
 
-class _Force:
-    """Coefficients of the power of an overlap, one after the other."""
-
-    def __init__(self, twice: int, bits: int) -> None:
-        self.twice, self.bits, self.odd = twice, bits, twice % 2 == 1
-        self.d: Series = []
-        self.g: Series = []
-        self.root: Series = []
-        self.products: list[Series] = [[] for _ in range(twice // 2 - (not self.odd))]
-
-    def add(self, d: fmpz, touching: bool) -> fmpz:
-        """Take the next coefficient of the overlap and return that of its power."""
-        self.d.append(d)
-        o = len(self.d) - 1 - (self.twice if touching else 0)
-        if o < 0:
-            return fmpz(0)
-        self.g.append(self.d[o + 2] if touching else d)
-        if self.odd:
-            self._next_root()
-        last = self.root if self.odd else self.g
-        for product in self.products:
-            product.append(sum(map(mul, self.g, last[o::-1]), fmpz(0)) >> self.bits)
-            last = product
-        return last[o]
-
-    def _next_root(self) -> None:
-        s, o = self.root, len(self.root)
-        if o == 0:
-            s.append((self.g[0] << self.bits).isqrt())
-            return
-        half = (o - 1) // 2
-        known = 2 * sum(map(mul, s[1 : half + 1], s[o - 1 : o - 1 - half : -1]), fmpz(0))
-        known += s[o // 2] ** 2 if o % 2 == 0 else 0
-        s.append(((self.g[o] << self.bits) - known) // (2 * s[0]))
-
-    def finish(self, touching: bool) -> Series:
-        """Return the root with all coefficients that the overlap determines."""
-        while self.odd and touching and len(self.g) + 2 < len(self.d):
-            self.g.append(self.d[len(self.g) + 2])
-            self._next_root()
-        return self.root
-
-
 class Proposer:
     """Propose pieces whose velocities have a defect of about ``tolerance`` (m/s, one per body, may be changed)."""
 
     def __init__(self, chain: Chain, bits: int, tolerance: Sequence[float], fastest: float) -> None:
-        self.chain, self.bits, self.one, self.tolerance = chain, bits, fmpz(1) << bits, list(tolerance)
+        places = -(-bits // BITS)
+        self.chain, self.bits, self.one, self.tolerance = chain, BITS * places, 1 << BITS * places, list(tolerance)
         digits = math.log2(max(2.0, fastest / min(tolerance)))
-        self.order = 12 + int(0.28 * digits)
+        self.order = 12 + int(0.35 * digits)
         self.reach = 2.0 ** (-digits / self.order)  # part of the radius of convergence that a piece covers
-        self.stride, self.patience = math.inf, [4.0] * len(chain.bonds)
+        self.stride, self.patience = math.inf, [1.0] * len(chain.bonds)
         self.ends = [bond.ends for bond in chain.bonds]
         self.gaps = [self.fixed(bond.gap) for bond in chain.bonds]
-        self.steady = [self.fixed(force / mass) for force, mass in zip(chain.steady, chain.mass, strict=True)]
-        self.rates = [
-            [(body, self.fixed(sign * bond.stiffness / chain.mass[body])) for body, sign in bond.ends]
+        wall, steady = len(chain.mass), [self.fixed(f / m) for f, m in zip(chain.steady, chain.mass, strict=True)]
+        rates = [
+            [0 if i is None else self.fixed(sign * bond.stiffness / chain.mass[i]) for i, sign in _sides(bond)]
             for bond in chain.bonds
         ]
-        self.softness = [sum(abs(self.number(rate)) for _, rate in rates) for rates in self.rates]
+        self.softness = [sum(abs(self.number(rate)) for rate in pair) for pair in rates]
+        ends = [[wall if i is None else i for i, _ in _sides(bond)] for bond in chain.bonds]
+        powers = [bond.twice for bond in chain.bonds]
+        self.expander = Expander(ends, powers, rates, self.gaps, steady, places)
 
-    def fixed(self, value: fmpq) -> fmpz:
+    def fixed(self, value: fmpq) -> int:
         """Return the nearest multiple of 2^-bits, as a whole number."""
-        return (2 * value.p * self.one + value.q) // (2 * value.q)
+        return int((2 * value.p * self.one + value.q) // (2 * value.q))
 
-    def rounded(self, value: float) -> fmpz:
+    def rounded(self, value: float) -> int:
         """Return the multiple of 2^-bits below a float."""
         over, under = value.as_integer_ratio()
         return over * self.one // under
 
-    def number(self, value: fmpz) -> float:
+    def number(self, value: int) -> float:
         """Return a multiple of 2^-bits as a float."""
-        return int(value) / int(self.one)
+        return value / self.one
 
-    def pieces(self, x: Series, v: Series, time: fmpq, end: fmpq) -> Iterator[Piece]:
+    def pieces(self, x: Numbers, v: Numbers, time: fmpq, end: fmpq) -> Iterator[Piece]:
         """Yield pieces that start at this time and state, each shorter than the one before, until one is accepted."""
         left, x = float(end - time), list(x)
         stride = min(left, self.stride)
@@ -162,11 +132,12 @@ class Proposer:
                 yield from self._opening(x, v, time, left, felt, k)
         whole = span >= left
         length = self.fixed(end - time) if whole else self.rounded(span)
-        zero = fmpz(0)
-        series = self._series(x, v, *((zero, length) if touching else (length, zero)), felt | touching, touching)
+        series = self._series(x, v, (0, length) if touching else (length, 0), felt | touching, touching)
         part = self._decay(series, self.number(length))
+        others = [k for k, d in enumerate(overlap) if d <= 0.0 and k not in touching]
+        rough = dict(zip(others, series.overlaps(others), strict=True))
         for attempt in range(1, MOST_PROPOSALS):
-            landed = self._landing(series[0], part, set(range(len(overlap))) - felt - touching, span)
+            landed = self._landing(series, rough, part, span)
             factor = self.rounded(part) if landed is None else landed
             scaled = (factor * factor >> self.bits if touching else factor) * length >> self.bits
             step = end - time if whole and factor == self.one else fmpq(scaled, self.one)
@@ -176,43 +147,27 @@ class Proposer:
             yield self._piece(time, step, series, factor, touching)
             part = SHORTER**attempt * self.number(factor)
 
-    def _piece(
-        self, time: fmpq, step: fmpq, series: tuple[list[Series], list[Series], dict[int, Series]], factor: fmpz,
-        touching: set[int],
-    ) -> Piece:  # fmt: skip
+    def _piece(self, time: fmpq, step: fmpq, series: Expansion, factor: int, touching: set[int]) -> Piece:
         """Return a part of a series as a piece; of roots of touching contacts q is divided out."""
-        x, v = (tuple(self._polynomial(c, factor, self.one) for c in each) for each in series[:2])
-        roots = {k: self._polynomial(c, factor, factor if k in touching else self.one) for k, c in series[2].items()}
-        zero = fmpq(0)
-        linear, square = (zero, step) if touching else (step, zero)
-        return Piece(time, linear, square, x, v, roots, frozenset(touching))
+        parts = [[series.scaled(rows, factor, self.one) for rows in part] for part in series.motion()]
+        x, v = (tuple(fmpq_poly(numbers, self.one) for numbers in part) for part in parts)
+        roots = {k: fmpq_poly([0]) for k in series.felt}
+        for k, root, unit in series.roots():
+            numbers = series.scaled(root, factor, factor if k in touching else self.one)
+            roots[k] = fmpq_poly([number >> unit for number in numbers], self.one)
+        times = (fmpq(0), step) if touching else (step, fmpq(0))
+        return Piece(time, *times, x, v, roots, frozenset(touching))
 
-    def _polynomial(self, coefficients: Series, factor: fmpz, weight: fmpz) -> fmpq_poly:
-        """Return a series in q times ``factor``, all times ``weight``."""
-        out = []
-        for value in coefficients:
-            out.append(value * weight >> self.bits)
-            weight = weight * factor >> self.bits
-        return fmpq_poly(out, self.one)
-
-    def _difference(self, k: int, values: Sequence[fmpz], gap: fmpz | int = 0) -> fmpz:
+    def _difference(self, k: int, values: Sequence[int], gap: int = 0) -> int:
         """Return the overlap or closing velocity of a contact."""
-        return sum((-sign * values[body] for body, sign in self.ends[k]), fmpz(-gap))
+        return sum(-sign * values[body] for body, sign in self.ends[k]) - gap
 
-    def _coefficient(self, k: int, x: Sequence[Series], o: int) -> fmpz:
-        """Return a coefficient of the overlap of a contact."""
-        total = fmpz(0) if o else -self.gaps[k]
-        for body, sign in self.ends[k]:
-            if o < len(x[body]):
-                total -= sign * x[body][o]
-        return total
-
-    def _touch(self, x: Series, k: int, bond: Bond) -> None:
+    def _touch(self, x: Numbers, k: int, bond: Bond) -> None:
         """Move one body so that the overlap of a contact is 0."""
         if bond.right is None:
             x[bond.left or 0] = self.gaps[k]
         else:
-            x[bond.right] = (fmpz(0) if bond.left is None else x[bond.left]) - self.gaps[k]
+            x[bond.right] = (0 if bond.left is None else x[bond.left]) - self.gaps[k]
 
     def _is_felt(self, k: int, overlap: float, span: float) -> bool:
         """Return True if the force at an overlap changes a velocity by more than its tolerance."""
@@ -231,47 +186,43 @@ class Proposer:
         power = self.chain.bonds[k].twice / 2
         return float(((power + 1) * (power + 2) / (self.softness[k] * speed ** (power - 1))) ** (1 / (power + 1)))
 
-    def _decay(self, series: tuple[list[Series], list[Series], dict[int, Series]], span: float) -> float:
+    def _decay(self, series: Expansion, span: float) -> float:
         """Return the part of a piece within which the last coefficients are below the tolerance."""
-        tails = [(self.tolerance[body], v) for body, v in enumerate(series[1])]
-        for k, root in series[2].items():
-            if root:  # its error is that of a force, which acts for a time ``span``
-                power = self.chain.bonds[k].twice - 1
-                weight = 4.0 * self.softness[k] * self.number(root[0]) ** power * span
-                tails.append((min(self.tolerance[body] for body, _ in self.ends[k]) / weight, root))
+        tails = [
+            (tolerance, series.s.v[body], 0) for body, tolerance in enumerate(self.tolerance) if series.e.moved[body]
+        ]
+        for k, root, unit in series.roots():  # its error is that of a force, which acts for a time ``span``
+            power = self.chain.bonds[k].twice - 1
+            weight = 4.0 * self.softness[k] * math.ldexp(rounded(root[0]), -unit) ** power * span
+            tails.append((min(self.tolerance[body] for body, _ in self.ends[k]) / weight, root, unit))
         part = 1.0
-        for tolerance, tail in tails:
+        for tolerance, tail, unit in tails:
             for o in range(max(5, len(tail) - 4), len(tail)):
-                if tail[o]:
-                    part = min(part, (tolerance / (2.0 * abs(self.number(tail[o])))) ** (1 / o))
+                if last := math.ldexp(abs(rounded(tail[o])), -unit):
+                    part = min(part, (tolerance / (2.0 * last)) ** (1 / o))
         return part
 
-    def _landing(self, x: Sequence[Series], part: float, contacts: Iterable[int], span: float) -> fmpz | None:
-        """Return the first q in (0, part] at which an open contact closes, if any."""
-        found = []
-        for k in contacts:
-            length = max(len(x[body]) for body, _ in self.ends[k])
-            d = [self._coefficient(k, x, o) for o in range(length)]
-            if d[0] > 0 or not any(d[1:]):
-                continue
-            rough = [self.number(value) for value in d]
-            if rough[0] + sum(value * part**o for o, value in enumerate(rough) if o and value > 0) <= 0.0:
+    def _landing(self, series: Expansion, rough: dict[int, Floats], part: float, span: float) -> int | None:
+        """Return the first q in (0, part] at which an open contact closes, if any; ``rough``: their overlaps."""
+        found, powers = [], part ** np.arange(len(series.s.x[0]))
+        for k, d in rough.items():
+            if d[0] + (np.maximum(d, 0.0) @ powers) <= 0.0:
                 continue
             low = 0.0
             for high in (part * i / GRID for i in range(1, GRID + 1)):
-                value = math.fsum(c * high**o for o, c in enumerate(rough))
+                value = float(d @ high ** np.arange(len(d)))
                 if value > 0.0:
-                    if self._is_felt(k, max(value, -rough[0]), span) and low + rough[0] != 0.0:
-                        found.append(self._root(d, low, high))
+                    if self._is_felt(k, max(value, -d[0]), span) and low + d[0] != 0.0:
+                        found.append(self._root(series.exact_overlap(k), low, high))
                     break
                 low = high
         return min(found, default=None)
 
-    def _root(self, d: Series, low: float, high: float) -> fmpz:
+    def _root(self, d: Numbers, low: float, high: float) -> int:
         """Return the root of a series between two values of q, by bisection and Newton's method."""
 
-        def value(q: fmpz) -> tuple[fmpz, fmpz]:
-            total, slope = fmpz(0), fmpz(0)
+        def value(q: int) -> tuple[int, int]:
+            total, slope = 0, 0
             for c in reversed(d):
                 slope = (slope * q >> self.bits) + total
                 total = (total * q >> self.bits) + c
@@ -284,38 +235,37 @@ class Proposer:
         q = (a + b) // 2
         for _ in range(30):
             total, slope = value(q)
-            change = (total << self.bits) // slope if slope else fmpz(0)
+            change = (total << self.bits) // slope if slope else 0
             q = min(max(q - change, a), b)
             if abs(change) <= 1:
                 break
         return q
 
-    def _opening(self, x: Series, v: Series, time: fmpq, left: float, felt: set[int], k: int) -> Iterator[Piece]:
+    def _opening(self, x: Numbers, v: Numbers, time: fmpq, left: float, felt: set[int], k: int) -> Iterator[Piece]:
         """Yield a piece that ends where a contact opens, if that is near."""
         d, u = self.number(self._difference(k, x, self.gaps[k])), self.number(self._difference(k, v))
         if u >= 0.0:
             return
-        wait = d / -u
-        if wait > self.patience[k] * self.reach**2 * self._turn(k, -u) or 2.0 * wait > left:
+        wait, near, part = d / -u, self.reach**2 * self._turn(k, -u), 1.0
+        if wait > self.patience[k] * near or 2.0 * wait > left:
             return
         found = self._land(x, v, felt, k, wait)
         if found is not None:
             x, v, square = found
             self._touch(x, k, self.chain.bonds[k])
             closed = all(self._difference(other, x, self.gaps[other]) > 0 for other in felt - {k})
-            series = self._series(x, v, fmpz(0), -square, felt, {k}) if closed else None
-            if series is not None and self._decay(series, wait) == 1.0:
+            series = self._series(x, v, (0, -square), felt, {k}) if closed else None
+            if series is not None and (part := self._decay(series, wait)) == 1.0:
                 span = fmpq(square, self.one)
                 yield self._piece(time + span, -span, series, self.one, {k})
-        self.patience[k] /= 2.0
+        self.patience[k] = min(0.5, part**2) * wait / near
 
-    def _land(self, x: Series, v: Series, felt: set[int], k: int, wait: float) -> tuple[Series, Series, fmpz] | None:
+    def _land(self, x: Numbers, v: Numbers, felt: set[int], k: int, wait: float) -> tuple[Numbers, Numbers, int] | None:
         """Return the state at which a contact opens, and the time until then."""
         square = self.rounded(wait)
         for turn in range(MOST_LANDINGS):
-            order = min(self.order, 12 << turn)  # the first corrections need few digits
-            series = self._series(x, v, 2 * square, -square, felt, set(), order)
-            at = [[sum(c, fmpz(0)) for c in each] for each in series[:2]]
+            order = min(self.order, int(12 * 1.5**turn))  # each correction has half as many digits more
+            at = self._series(x, v, (2 * square, -square), felt, set(), order).at_end()
             d, u = self._difference(k, at[0], self.gaps[k]), self._difference(k, at[1])
             if u >= 0:
                 return None
@@ -327,23 +277,9 @@ class Proposer:
         return None
 
     def _series(
-        self, x0: Series, v0: Series, linear: fmpz, square: fmpz, felt: set[int], touching: set[int], order: int = 0
-    ) -> tuple[list[Series], list[Series], dict[int, Series]]:
-        """Return the coefficients of displacements, velocities and roots of overlaps."""
-        x, v, bits = [[value] for value in x0], [[value] for value in v0], self.bits
-        a = [[value] for value in self.steady]
-        forces = {k: _Force(self.chain.bonds[k].twice, bits) for k in sorted(felt)}
-        moved = sorted({body for k in felt for body, _ in self.ends[k]})
-        for o in range((order or self.order) + 1):
-            for k, force in forces.items():
-                if value := force.add(self._coefficient(k, x, o), k in touching):
-                    for body, rate in self.rates[k]:
-                        a[body][o] += rate * value >> bits
-            for body in moved if o > 3 else range(len(x)):
-                for series, rates in ((x[body], v[body]), (v[body], a[body])):
-                    change = linear * rates[o] if linear else fmpz(0)
-                    if square and o:
-                        change += 2 * square * rates[o - 1]
-                    series.append((change >> bits) // (o + 1))
-                a[body].append(fmpz(0))
-        return x, v, {k: force.finish(k in touching) for k, force in forces.items()}
+        self, x: Numbers, v: Numbers, times: tuple[int, int], felt: set[int], touching: set[int], order: int = 0
+    ) -> Expansion:
+        """Return the series of displacements, velocities and roots of overlaps."""
+        firsts = {k: self._difference(k, x, self.gaps[k]) for k in felt - touching}
+        firsts |= {k: self._difference(k, v) * times[1] >> self.bits for k in touching}
+        return self.expander.expand(x, v, times, firsts, touching, order or self.order)
