@@ -41,6 +41,8 @@ def laws(probe: Probe) -> Iterator[Candidate]:
     yield _all_missing()
     yield Family(lambda factor: _stiffer(factor, item), from_each(0.5, 2.0, 0.8, 1.25))
     yield from _exponents(probe)
+    unit = 2.0 * float(np.mean(probe.scene.mass)) * max(map(abs, probe.scene.velocity)) / probe.contact_time
+    yield Family(lambda share: _attracting(share * unit, item), from_each(0.01, 0.1))
     sentence = "Open contacts attract."
     yield Fault("tension", item, sentence, system=lambda system: system.changed(pulls=True))
     yield from _outer_forces(probe)
@@ -65,8 +67,12 @@ def _exponents(probe: Probe) -> Iterator[Candidate]:
     item = "hooke" if probe.question == "hooke" else "exponent"
 
     def power(n: float) -> Fault:
-        words = f"The contact force goes as overlap^{n - 1.0:.5g}."
-        return Fault("exponent", item, words, system=lambda system: system.changed(exponent=_all(system, n)))
+        fault = Fault("exponent", item, f"The contact force goes as overlap^{n - 1.0:.5g}.")
+        same = replace(fault, system=lambda system: system.changed(exponent=_all(system, n)))
+        # another law may have an exponent that is off by as much
+        off = n - float(probe.scene.contacts.exponent[0])
+        shifted = replace(fault, system=lambda system: system.changed(exponent=system.exponent + off))
+        return replace(same, elsewhere=lambda _: (same, shifted))
 
     yield from map(power, (2.0, 2.5, 3.0))
     yield Family(power, from_each(2.1, 2.4, 2.6, 2.8))
@@ -94,6 +100,15 @@ def _power(probe: Probe, n: float, factor: float, item: str) -> Fault:
     return Fault("exponent", item, words, system=change, elsewhere=forms, definite=False)
 
 
+def _attracting(force: float, item: str) -> Fault:
+    """Return the fault of a constant attraction as long as a contact lasts, N."""
+
+    def change(system: System) -> System:
+        return system.changed(pull_off=np.where(system.stiffness > 0.0, abs(force), 0.0))
+
+    return Fault("pull-off", item, f"Contacts attract with {abs(force):.3g} N.", system=change, jumps=True)
+
+
 def _all(system: System, n: float) -> Floats:
     """Return one exponent for all contacts."""
     return np.full_like(system.exponent, n)
@@ -105,7 +120,7 @@ def _outer_forces(probe: Probe) -> Iterator[Candidate]:
     if probe.scene.damping is None:
         sentence = "Contacts are damped, as by a dashpot of {:.3g} N s/m."
         unit = float(np.mean(probe.scene.mass)) / time
-        yield family("damping", "energy", sentence, _dashpot, (0.02, 0.3), unit=unit)
+        yield family("damping", "energy", sentence, _dashpot, (0.02, 0.3), unit=unit, jumps=True)
     sentence = "Bodies lose speed at the rate {:.3g} 1/s, in contact or not: their momentum is not conserved."
     yield family(
         "drag", "momentum", sentence, lambda b: changed("drag", lambda _: abs(b)), (0.02, 0.3), unit=1.0 / time

@@ -53,6 +53,8 @@ class Fault:
     """True for a fault of one body or contact."""
     definite: bool = True
     """False if the fault leaves open what other scenes are like."""
+    jumps: bool = False
+    """True if forces of the fault jump at a touch, which lowers the order of any method."""
 
     def forms(self, probe: Probe) -> Sequence[Candidate]:
         """Return the forms that the fault may have in a scene."""
@@ -84,11 +86,12 @@ def family(
     starts: tuple[float, ...] = (0.5, 2.0),
     *,
     unit: float = 1.0,
+    jumps: bool = False,
 ) -> Family:
     """Return faults that differ in a number, in units of ``unit``; the sentence has a field for it."""
 
     def make(number: float) -> Fault:
-        return Fault(cause, item, sentence.format(number * unit), change(number * unit))
+        return Fault(cause, item, sentence.format(number * unit), change(number * unit), jumps=jumps)
 
     return Family(make, from_each(*starts))
 
@@ -169,6 +172,9 @@ def readings() -> Iterator[Candidate]:
     yield Fault("order-of-bodies", "units", sentence, values=both(lambda array: array[:, ::-1]))
     sentence = "All velocities and displacements have the other sign."
     yield Fault("sign", "units", sentence, values=both(lambda array: -array))
+    sentence = "Velocities are written as displacements, and displacements as velocities."
+    exchanged = dict(zip(QUANTITIES, reversed(QUANTITIES), strict=True))
+    yield Fault("columns", "units", sentence, values=lambda values: {name: values[exchanged[name]] for name in values})
     for name in QUANTITIES:
         yield from _scaled(name)
     for rows, words in ((1, "before"), (-1, "after")):

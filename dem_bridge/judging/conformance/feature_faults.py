@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -157,6 +158,7 @@ def _gaps(scene: Scene) -> Iterator[Candidate]:
         "All gaps are 0": lambda g: (0.0,) * len(g),
         "All gaps have the other sign: the contacts begin compressed": lambda g: tuple(-x for x in g),
         "The gaps are in reverse order": lambda g: g[::-1],
+        "Each gap is counted from the first body": lambda g: tuple(accumulate(g)),
         "All gaps are the first one": lambda g: (g[0],) * len(g),
         "All gaps are the last one": lambda g: (g[-1],) * len(g),
         "All gaps but the first are 0": lambda g: (g[0], *(0.0,) * (len(g) - 1)),

@@ -19,7 +19,7 @@ from dem_bridge.judging.conformance.unseen import unseen_item
 from dem_bridge.observables.verdict import Outcome
 
 #: items whose faults have effects in every scene that are not known
-_HIDING = ("order", "momentum", "energy", "digits")
+_HIDING = ("order", "momentum", "energy", "digits", "phase")
 
 
 def grade(evidence: Evidence, features: Sequence[str]) -> tuple[Item, ...]:

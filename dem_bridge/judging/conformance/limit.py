@@ -24,6 +24,8 @@ from dem_bridge.trajectory.trajectory import Floats
 QUANTITIES = ("velocity", "displacement")
 #: difference of a time from that of its sample, relative to the sampling interval, that counts as rounding
 LARGEST_TIME_DIFFERENCE = 1e-4
+#: difference of the pace of the written times from that of the samples, above which they are those of another run
+LARGEST_DIFFERENCE_OF_PACE = 0.1
 #: distance of an order from 1 or 2 up to which the error has this order; beyond it the limit is less certain
 CLEAN_ORDER = 0.25
 #: difference between two time steps, relative to the largest value, that is round-off and digits and has no order
@@ -50,6 +52,8 @@ class Samples:
     """What is to be subtracted from the written times, s, so that they are the times of the samples."""
     time_unit: float = 1.0
     """What is to be multiplied to the written times so that they are in s."""
+    pace: float = 1.0
+    """Written times over those of the samples."""
     single: bool = False
     """True if all values are numbers of single precision."""
 
@@ -63,7 +67,7 @@ def samples_of(record: Record, probe: Probe) -> Samples:
         If samples or bodies are missing, or values are not finite.
     """
     times = np.linspace(0.0, probe.scene.duration, probe.scene.samples + 1)
-    rows, delay, unit = _matched(record.time, times, np.max(record.rounding["time"], initial=0.0))
+    rows, delay, unit, pace = _matched(record.time, times, np.max(record.rounding["time"], initial=0.0))
     values, digits = {}, {}
     for name in QUANTITIES:
         if name not in record.values:
@@ -82,9 +86,8 @@ def samples_of(record: Record, probe: Probe) -> Samples:
     if "velocity" in values and np.all(values["velocity"] == values["velocity"][0]):
         # bodies in free flight have round numbers, which do not show how many digits are written
         digits = dict.fromkeys(digits, 0.0)
-    return Samples(
-        MappingProxyType(values), MappingProxyType(digits), delay, unit, all(map(_is_single, values.items()))
-    )
+    single = all(map(_is_single, values.items()))
+    return Samples(MappingProxyType(values), MappingProxyType(digits), delay, unit, pace, single)
 
 
 def _is_single(item: tuple[str, Floats]) -> bool:
@@ -94,20 +97,24 @@ def _is_single(item: tuple[str, Floats]) -> bool:
     return len(values) > 0 and bool(np.all(np.abs(values.astype(np.float32) - values) <= 1e-9 * np.abs(values)))
 
 
-def _matched(written: Floats, times: Floats, rounding: float) -> tuple[list[int], float, float]:
-    """Return the row of each sample (the first may be missing), the delay of the times, and their unit, s."""
+def _matched(written: Floats, times: Floats, rounding: float) -> tuple[list[int], float, float, float]:
+    """Return the row of each sample (the first may be missing), the delay of the times, their unit (s) and pace."""
     for unit in (1.0, *_TIME_UNITS):
         allowed = LARGEST_TIME_DIFFERENCE * times[1] + unit * rounding
         for count in (len(times), len(times) - 1):
             wanted, scaled = times[-count:], unit * written
             rows = np.searchsorted(scaled, wanted - allowed)
             if rows[-1] < len(scaled) and np.max(np.abs(scaled[rows] - wanted)) <= allowed:
-                return rows.tolist(), 0.0, unit
+                return rows.tolist(), 0.0, unit, 1.0
     allowed = LARGEST_TIME_DIFFERENCE * times[1] + rounding
     for count in (len(times), len(times) - 1):
         delays = written - times[-count:] if len(written) == count else np.array([0.0, 1.0])
         if np.ptp(delays) <= 2.0 * allowed:
-            return list(range(count)), float(np.mean(delays)), 1.0
+            return list(range(count)), float(np.mean(delays)), 1.0, 1.0
+        pace = written[-1] / times[-1]
+        alike = len(written) == count and abs(pace - 1.0) <= LARGEST_DIFFERENCE_OF_PACE
+        if alike and np.max(np.abs(written - pace * times[-count:])) <= 2.0 * allowed:
+            return list(range(count)), 0.0, 1.0, float(pace)
     raise Nonsense(
         f"the file has {len(written)} samples from {written[0]:.6g} to {written[-1]:.6g} s; expected: the {len(times)}"
         f" samples of the scene, each {times[1]:.6g} s from 0 to {times[-1]:.6g} s"

@@ -55,7 +55,7 @@ def property_items(
         yield from (not_run_item(name, "no scene has files that can be read") for name in names)
         return
     delays: Delays = {name: _delay(used, name) for name in ("velocity", "displacement")}
-    order = _order(used, explanations, delays)
+    order = _order(used, explanations, failures, delays)
     momentum, energy = conserved_items(used, explanations, failures, order)
     yield from (order, momentum, energy, _phase(used, failures, delays))
     yield _digits(used, momentum.numbers.get("noise", 0.0))
@@ -68,7 +68,12 @@ def _delay(used: Sequence[Behaviour], name: str) -> numerics.Delay | None:
     return next((delay for behaviour in used if (delay := numerics.delay_of(behaviour, name)) is not None), None)
 
 
-def _order(used: Sequence[Behaviour], explanations: Mapping[str, Explanation], delays: Delays) -> Item:
+def _order(
+    used: Sequence[Behaviour],
+    explanations: Mapping[str, Explanation],
+    failures: Sequence[Failure],
+    delays: Delays,
+) -> Item:
     """Return the item on the order of convergence."""
     orders: dict[str, tuple[float, str, float]] = {}
     for behaviour in used:
@@ -98,10 +103,8 @@ def _order(used: Sequence[Behaviour], explanations: Mapping[str, Explanation], d
     differ = f"the two finest steps differ by {relative_number(difference)} of the largest {name}"
     if difference <= 1e3 * LEAST_DIFFERENCE_WITH_ORDER:
         return passed_item("order", scene, f"{words}; {differ}, which round-off makes.", numbers)
-    early = min(numerics.order_while_closing(behaviour, name) for behaviour in used if name in behaviour.limits)
-    if order > LEAST_FALL and early >= numerics.LEAST_ORDER:
-        at = "more" if math.isinf(early) else f"{early:.2f}"
-        sentence = f"{words}, but {at} until the first contact begins to open: as where a force jumps; {differ}."
+    if jump := _jump(used, name, failures):
+        sentence = f"{words}, {jump}; {differ}."
         return replace(failed_item("order", scene, sentence, "unknown", numbers), outcome=Outcome.UNDECIDED)
     if order > LEAST_FALL:
         return failed_item("order", scene, f"{words}; {differ}.", "first-order-integrator", numbers)
@@ -109,9 +112,24 @@ def _order(used: Sequence[Behaviour], explanations: Mapping[str, Explanation], d
     return failed_item("order", scene, sentence, "unknown", numbers)
 
 
+def _jump(used: Sequence[Behaviour], name: str, failures: Sequence[Failure]) -> str:
+    """Return the words for a force that jumps, which lowers the order of any method; '' if nothing shows one."""
+    if jumping := [failure.item for failure in failures if failure.fault.jumps]:
+        return f"as where a force jumps, which the fault of the item {jumping[0]} does"
+    early = min(numerics.order_while_closing(behaviour, name) for behaviour in used if name in behaviour.limits)
+    if early < numerics.LEAST_ORDER:
+        return ""
+    at = "more" if math.isinf(early) else f"{early:.2f}"
+    return f"but {at} until the first contact begins to open: as where a force jumps"
+
+
 def _phase(used: Sequence[Behaviour], failures: Sequence[Failure], delays: Delays) -> Item:
     """Return the item on the times of velocities and positions."""
     for behaviour in used:
+        pace = max((file.pace for file in behaviour.files), key=lambda value: abs(value - 1.0))
+        if pace != 1.0:
+            sentence = f"The written times are {pace:.6g} times those of the samples of the scene."
+            return failed_item("phase", behaviour.probe.scene.name, sentence, "time-scale", {"pace": pace})
         if delay := max((file.delay for file in behaviour.files), key=abs):
             sentence = f"The written times are {delay:.6g} s later than the samples of the scene."
             return failed_item("phase", behaviour.probe.scene.name, sentence, "time-shift", {"delay_s": delay})

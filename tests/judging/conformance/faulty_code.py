@@ -12,6 +12,7 @@ import json
 import math
 import struct
 import sys
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,24 @@ FAULTS: dict[str, tuple[str, str]] = {
     "background-drag": ("momentum", "all bodies have a drag of 50 per s"),
     "contact-loss": ("energy", "every contact loses 1 % of its force while it opens"),
 }
+#: faults that were thought of after the grader had been changed for those above
+LATER_FAULTS: dict[str, tuple[str, str]] = {
+    "effective-mass-mean": ("restitution", "damping by a restitution takes the mean mass for the effective one"),
+    "wall-has-mass": ("walls", "a wall is a body like its neighbour, free to move"),
+    "force-at-half-drift": ("order", "forces are those of the positions in the middle of the step"),
+    "velocity-step-old": ("phase", "velocities of the step before are written"),
+    "gaps-cumulative": ("gaps", "each gap is counted from the first body"),
+    "stiffness-of-next": ("mixing", "each contact takes the stiffness of the next one"),
+    "exponent-2.5": ("exponent", "the exponent of the energy is used for the force, with the number of the stiffness"),
+    "damping-sign": ("restitution", "damping forces have the other sign"),
+    "rounded-times": ("phase", "written times are numbers of steps times the step rounded to three digits"),
+    "pull-off": ("law", "a contact attracts with 1 N as long as it lasts"),
+    "constant-drag": ("momentum", "each body that moves has a friction of 0.3 N"),
+    "opening-at-half-force": ("energy", "a contact has half its force while it opens"),
+    "gravity-on-first": ("gravity", "gravity acts on the first body only"),
+    "columns-exchanged": ("units", "velocities are written under the headings of displacements, and the reverse"),
+}
+FAULTS |= LATER_FAULTS
 
 
 class Chain:
@@ -68,6 +87,8 @@ class Chain:
             gaps = [0.0] * (n - 1)
         elif fault == "last-gap-missing" and gaps:
             gaps[-1] = 0.0
+        elif fault == "gaps-cumulative":
+            gaps = list(accumulate(gaps))
         #: body on the left or -1, body on the right or -1, stiffness, power of the force, gap
         self.contacts = [(k, k + 1, stiffness[k], chain["exponent"][k] - 1.0, gaps[k]) for k in range(n - 1)]
         for side, left, right in (("wall_left", -1, 0), ("wall_right", n - 1, -1)):
@@ -86,11 +107,25 @@ class Chain:
         self.eta: list[tuple[float, float]] = []
         self._compress(chain, n)
         self._damp(chain.get("damping"))
-        if fault.startswith("exponent"):
+        if fault == "exponent-2.5":
+            self.contacts = [(left, right, k, power + 1.0, gap) for left, right, k, power, gap in self.contacts]
+        elif fault.startswith("exponent"):
             self._change_exponents()
+        if fault == "wall-has-mass":
+            self._free_walls()
         if fault == "last-contact-missing" and n > 2:
             del self.contacts[n - 2 : n - 1]
             self.eta = self.eta[: n - 2] + self.eta[n - 1 :]
+
+    def _free_walls(self) -> None:
+        """Make a body of each wall, behind all others."""
+        for number, (left, right, k, power, gap) in enumerate(self.contacts):
+            if left < 0 or right < 0:
+                wall = len(self.mass)
+                self.mass = [*self.mass, self.mass[max(left, right)]]
+                self.velocity.append(0.0)
+                self.ends.append(0.0)
+                self.contacts[number] = (wall, right, k, power, gap) if left < 0 else (left, wall, k, power, gap)
 
     def _stiffness(self, given: list[float]) -> list[float]:
         """Return the stiffness of each contact."""
@@ -98,6 +133,8 @@ class Chain:
             return [sum(given) / len(given)] * len(given)
         if self.fault == "stiffness-reversed":
             return given[::-1]
+        if self.fault == "stiffness-of-next":
+            return [*given[1:], given[-1]]
         return [{"stiffness-4/3": 4.0 / 3.0, "modulus-not-reduced": 2.0}.get(self.fault, 1.0) * k for k in given]
 
     def _compress(self, chain: dict[str, Any], n: int) -> None:
@@ -123,8 +160,10 @@ class Chain:
         self.eta = []
         for (left, right, k, power, _), coefficient in zip(self.contacts, damping["coefficient"], strict=True):
             mass = 1.0 / sum(1.0 / self.mass[body] for body in (left, right) if body >= 0)
+            if self.fault == "effective-mass-mean" and left >= 0 and right >= 0:
+                mass = 0.5 * (self.mass[left] + self.mass[right])
             factor, p = self._damping_force(damping["law"], coefficient, mass, k, power)
-            self.eta.append((factor * (2.0 if self.fault == "damping-doubled" else 1.0), p))
+            self.eta.append((factor * {"damping-doubled": 2.0, "damping-sign": -1.0}.get(self.fault, 1.0), p))
 
     def _damping_force(self, law: str, c: float, mass: float, k: float, power: float) -> tuple[float, float]:
         """Return factor and power of the overlap of one damping force, which is proportional to the closing speed."""
@@ -163,8 +202,10 @@ class Chain:
                 k *= 0.5
             closing = (v[left] if left >= 0 else 0.0) - (v[right] if right >= 0 else 0.0)
             f = k * overlap**power
-            if self.fault == "contact-loss" and closing < 0.0:
-                f *= 0.99
+            if closing < 0.0:
+                f *= {"contact-loss": 0.99, "opening-at-half-force": 0.5}.get(self.fault, 1.0)
+            if self.fault == "pull-off":
+                f -= 1.0
             if eta:
                 f += eta * overlap**p * closing
             if self.clip and f < 0.0:
@@ -173,7 +214,12 @@ class Chain:
                 force[left] -= f
             if right >= 0 and not (self.fault == "no-reaction" and number == len(self.mass) - 2):
                 force[right] += f
-        return [f / m + self.gravity - self.drag * u for f, m, u in zip(force, self.mass, v, strict=True)]
+        if self.fault == "constant-drag":
+            force = [f - (math.copysign(0.3, u) if u else 0.0) for f, u in zip(force, v, strict=True)]
+        free = [self.gravity] * len(force)
+        if self.fault == "gravity-on-first":
+            free[1:] = [0.0] * (len(force) - 1)
+        return [f / m + g - self.drag * u for f, m, g, u in zip(force, self.mass, free, v, strict=True)]
 
     def step(self, x: list[float], v: list[float], a: list[float], dt: float) -> tuple[list[float], ...]:
         """Return displacements, velocities and accelerations after a step, and the velocities in its middle."""
@@ -182,8 +228,12 @@ class Chain:
             x, v = [y + dt * u for y, u in zip(x, v, strict=True)], [u + dt * b for u, b in zip(v, a, strict=True)]
             return x, v, self.accelerations(x, v), half
         drift = v if self.fault == "first-order-positions" else half
+        middle = [y + 0.5 * dt * u for y, u in zip(x, drift, strict=True)]
         x = [y + dt * u for y, u in zip(x, drift, strict=True)]
-        a = self.accelerations(x, [u + 0.5 * dt * b for u, b in zip(half, a, strict=True)])
+        a = self.accelerations(
+            middle if self.fault == "force-at-half-drift" else x,
+            [u + 0.5 * dt * b for u, b in zip(half, a, strict=True)],
+        )
         v = [u + 0.5 * dt * b for u, b in zip(half, a, strict=True)]
         if self.fault == "single-precision":
             x, v = ([struct.unpack("f", struct.pack("f", number))[0] for number in row] for row in (x, v))
@@ -201,13 +251,22 @@ def rows(scene: dict[str, Any], dt: float, fault: str) -> list[list[float]]:
     written, result = v, [[0.0, *x, *v]]
     for sample in range(1, count + 1):
         for _ in range(every):
+            old = v
             x, v, a, half = chain.step(x, v, a, dt)
-            written = half if fault == "half-step-velocity" else v
+            written = {"half-step-velocity": half, "velocity-step-old": old}.get(fault, v)
         time = sample * interval * (1e3 if fault == "milliseconds" else 1.0)
+        if fault == "rounded-times":
+            time = sample * every * float(f"{dt:.3g}")
         sign = -1.0 if fault == "negative-axis" else 1.0
-        result.append([time, *(sign * number for number in (*x, *written))])
+        n = len(scene["chain"]["mass"])
+        first, second = (written, x) if fault == "columns-exchanged" else (x, written)
+        result.append([time, *(sign * number for number in (*first[:n], *second[:n]))])
     if fault == "negative-axis":
         result[0] = [0.0, *(-number for number in result[0][1:])]
+    elif fault == "columns-exchanged":
+        result[0] = [0.0, *scene["chain"]["velocity"], *[0.0] * n]
+    elif fault == "wall-has-mass":
+        result[0] = [0.0, *[0.0] * n, *scene["chain"]["velocity"]]
     return result
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.judging.conformance.faulty_code import FAULTS
-from tests.judging.conformance.measure_faults import failed_items
+from tests.judging.conformance.measure_faults import NO, failed_items
 
 #: fault -> features of the few scenes on which it is looked for at every commit
 QUICK = {"half-step-velocity": "hertz", "tsuji-without-sqrt2": "hertz,tsuji"}
@@ -13,7 +13,7 @@ QUICK = {"half-step-velocity": "hertz", "tsuji-without-sqrt2": "hertz,tsuji"}
 
 def _failed(found: dict[str, str]) -> set[str]:
     """Return the names of the items that failed."""
-    return {item.split(" ")[0] for item, said in found.items() if said.startswith("FAIL")}
+    return {item.split(" ")[0] for item, words in found.items() if words.startswith(NO)}
 
 
 @pytest.mark.parametrize("fault", QUICK)
