@@ -12,7 +12,7 @@ import sys
 from dataclasses import dataclass
 from datetime import date
 
-from report import CODES, HERE, command_of, missing
+from report import CODES, HERE, command_of, missing, short, title_of
 
 import dem_bridge as db
 
@@ -22,8 +22,10 @@ TINY = HERE.parents[1] / "tests" / "judging" / "conformance" / "tiny_code.py"
 LAWS = "dashpot,mass_velocity,kuwabara-kono,tsuji,coeff_restitution"
 ALL = f"hertz,hooke,walls,gaps,gravity,precompression,several-moving,polydisperse,{LAWS}"
 COLOURS = {"PASS": "#3a7d44", "FAIL": "#c8442f", "UNDECIDED": "#d9a441", "BROKEN": "#6b2d5c", "NOT_RUN": "#e4e4e4"}
+#: what is in a field, so that it can be read without its colour
+SIGNS = {"PASS": "", "FAIL": "x", "UNDECIDED": "?", "BROKEN": "!", "NOT_RUN": ""}
 #: size of a field, and room for names and headings, px
-WIDTH, HEIGHT, LEFT, TOP = 34, 22, 250, 110
+WIDTH, HEIGHT, LEFT, TOP, RIGHT = 34, 22, 230, 150, 140
 
 
 @dataclass(frozen=True)
@@ -38,11 +40,10 @@ class Code:
 def codes(names):
     """Yield the codes that can run here."""
     for name in names:
-        entry = CODES[name]
         if reason := missing(name):
             print(f"{name}: {reason}", file=sys.stderr)
             continue
-        yield Code(f"{entry['title']}, {entry['integrator'].partition(' (')[0]}", command_of(name), entry["features"])
+        yield Code(title_of(name), command_of(name), CODES[name]["features"])
     lmp = shutil.which("lmp") or shutil.which("lmp", path=str(HERE.parents[1] / ".venv" / "bin"))
     if lmp:
         words = "-in {deck} -var dt {dt} -var dump {out.dump} -log none -screen none"
@@ -88,7 +89,7 @@ def rows(grades):
         cells = [
             code.title,
             f"{score['passed']} of {asked}",
-            f"{n['law'].get('difference', float('nan')):.1e}",
+            short(n["law"].get("difference", float("nan"))),
             *(f"{order[key]:.2f}" if key in order else "-" for key in ("order_of_velocity", "order_of_displacement")),
             f"{n['phase'].get('late_steps_of_velocity', 0.0):.2f}",
             f"{n['digits'].get('digits', 0.0):.1f}",
@@ -98,10 +99,19 @@ def rows(grades):
         yield f"| {' | '.join(cells)} |"
 
 
+def field(x, y, outcome, width, name):
+    """Yield a coloured field with the sign of an outcome."""
+    title = f"<title>{name}: {outcome}</title>"
+    yield f'<rect x="{x}" y="{y}" width="{width}" height="{HEIGHT - 2}" fill="{COLOURS[outcome]}">{title}</rect>'
+    if sign := SIGNS[outcome]:
+        place = f'x="{x + width // 2}" y="{y + 15}" text-anchor="middle"'
+        yield f'<text {place} fill="#fff" font-weight="bold">{sign}</text>'
+
+
 def picture(grades):
     """Return a picture with a row for each code and a column for each item."""
     names = list(dict.fromkeys(name for _, grade in grades for name in columns(grade) if name != "restitution"))
-    width, height = LEFT + WIDTH * len(names) + 60, TOP + HEIGHT * (len(grades) + 2)
+    width, height = LEFT + WIDTH * len(names) + RIGHT, TOP + HEIGHT * (len(grades) + 2)
     size = f'width="{width}" height="{height}" font-family="sans-serif" font-size="12"'
     parts = [f'<svg xmlns="http://www.w3.org/2000/svg" {size}>']
     parts.append(f'<rect width="{width}" height="{height}" fill="#fff"/>')
@@ -113,13 +123,11 @@ def picture(grades):
         parts.append(f'<text x="{LEFT - 8}" y="{y + 15}" text-anchor="end">{code.title}</text>')
         outcomes = dict(zip(columns(grade), (item.outcome.value for item in grade.answers), strict=True))
         for at, name in enumerate(names):
-            colour = COLOURS[outcomes.get(name, "NOT_RUN")]
-            place = f'x="{LEFT + WIDTH * at + 1}" y="{y + 1}" width="{WIDTH - 2}" height="{HEIGHT - 2}"'
-            parts.append(f'<rect {place} fill="{colour}"><title>{name}: {outcomes.get(name, "NOT_RUN")}</title></rect>')
-    for at, (outcome, colour) in enumerate(COLOURS.items()):
-        x, y = LEFT + 110 * at, TOP + HEIGHT * (len(grades) + 0.7)
-        parts.append(f'<rect x="{x}" y="{y:.0f}" width="14" height="14" fill="{colour}"/>')
-        parts.append(f'<text x="{x + 19}" y="{y + 12:.0f}">{outcome}</text>')
+            parts += field(LEFT + WIDTH * at + 1, y + 1, outcomes.get(name, "NOT_RUN"), WIDTH - 2, name)
+    for at, outcome in enumerate(COLOURS):
+        x, y = LEFT + 120 * at, TOP + HEIGHT * (len(grades) + 1)
+        parts += field(x, y, outcome, HEIGHT, outcome)
+        parts.append(f'<text x="{x + 28}" y="{y + 15}">{outcome}</text>')
     return "\n".join([*parts, "</svg>", ""])
 
 

@@ -30,6 +30,17 @@ def command_of(name):
     return f"{PYTHON} {HERE}/{CODES[name]['recipe']}"
 
 
+def title_of(name):
+    """Return the name of a code with its integrator, in few words."""
+    return f"{CODES[name]['title']}, {CODES[name]['integrator'].partition(' (')[0].partition(';')[0]}"
+
+
+def short(value):
+    """Return a number with two digits after the point, which no line breaks."""
+    digits, _, power = f"{value:.2e}".partition("e")
+    return f"`{digits}e{int(power)}`"
+
+
 def missing(name):
     """Return why a code cannot run here; '' if it can."""
     needs, install = CODES[name]["needs"], CODES[name]["install"]
@@ -47,7 +58,10 @@ def judge(name, scene, steps=STEPS):
 def order_text(judgement, quantity):
     """Return an observed order with its uncertainty."""
     order = judgement.order.get(quantity)
-    return "-" if order is None else f"{order['value']:.3f} +- {max(order['uncertainty'], 0.001):.3f}"
+    if order is None:
+        return "-"
+    bar = max(order["uncertainty"], 0.001)
+    return f"`{order['value']:.3f}`" + (f" +- {bar:.3f}" if bar >= 0.0015 else "")
 
 
 def rows_of(table, code):
@@ -62,14 +76,13 @@ def line(cells):
 
 def table(scene, names):
     """Yield the lines of the table of one scene."""
-    heads = ["code", "integrator", *(f"error at {dt:g} s" for dt in STEPS), "CPU time (s)", "order, velocity"]
-    yield line([*heads, "order, displacement", "cause", "alternatives"])
-    yield line(["---"] * (len(heads) + 3))
+    heads = ["code", "fault", *(f"error at {dt:g} s" for dt in STEPS), "order of v", "order of x", "CPU time (s)"]
+    yield line(heads)
+    yield line(["---"] * len(heads))
     ours = {}
     for name in names:
-        code = CODES[name]
         if reason := missing(name):
-            yield line([code["title"], code["integrator"], reason, *[""] * (len(heads))])
+            yield line([title_of(name), reason, *[""] * (len(heads) - 2)])
             continue
         print(f"{scene}: {name}", file=sys.stderr)
         judgement = judge(name, scene)
@@ -77,13 +90,13 @@ def table(scene, names):
         own = runs.rows[0][0]
         values = rows_of(runs, own)
         orders = [order_text(judgement, quantity) for quantity in ("velocity", "displacement")]
-        named = [judgement.cause, ", ".join(judgement.alternative_causes) or "-"]
-        errors = [f"{error:.2e}" for error, _ in values]
-        yield line([code["title"], code["integrator"], *errors, f"{values[-1][1]:.2g}", *orders, *named])
+        fault = " or ".join([judgement.cause, *judgement.alternative_causes])
+        errors = [short(error) for error, _ in values]
+        yield line([title_of(name), fault, *errors, *orders, f"{values[-1][1]:.2g}"])
         ours = {row[0]: rows_of(runs, row[0]) for row in runs.rows if row[0] != own} or ours
     for name, values in ours.items():
-        errors = [f"{error:.2e}" for error, _ in values]
-        yield line([name, "velocity Verlet", *errors, f"{values[-1][1]:.2g}", "", "", "", ""])
+        errors = [short(error) for error, _ in values]
+        yield line([f"{name}, velocity Verlet", "", *errors, "", "", f"{values[-1][1]:.2g}"])
 
 
 def main():
