@@ -93,8 +93,7 @@ def proved_motion(scene: Scene) -> ProvedMotion | None:
     same = replace(scene, samples=count).content_hash == document["scene"]["hash"]
     if not same or scene.samples % count:
         return None
-    samples = document["samples"]
-    values = {name: _balls(samples[name]) for name in SAMPLED}
+    values = {**_samples(file)}
     until = _number(document["proved_until"])
     if until == scene.duration and document.get("peaks"):
         values["peak_force"] = _forces(scene, document["peaks"])
@@ -114,6 +113,16 @@ def _read(file: Path) -> dict[str, Any] | None:
         return document if document["schema"] == SCHEMA and document["digest"] == digest else None
     except (OSError, *OF_DAMAGED_DATA):
         return None
+
+
+@cache
+def _samples(file: Path) -> dict[str, tuple[Floats, Floats]]:
+    """Return midpoints and radii of a certificate at its samples.
+
+    They are kept, because a page that is written again and again while runs go on needs them each time.
+    """
+    document = _read(file)
+    return {} if document is None else {name: _balls(document["samples"][name]) for name in SAMPLED}
 
 
 def _number(text: str) -> float:
