@@ -14,7 +14,7 @@ from fractions import Fraction
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation import progress
 from dem_bridge.foundation.compiled import Ints
-from dem_bridge.proof.extremes import Extreme, Extremes, look
+from dem_bridge.proof.extremes import Extreme, Extremes, look, overlap_in
 from dem_bridge.proof.flow import Box, Flow, Step, Stopped
 from dem_bridge.proof.problem import Problem, Scale
 from dem_bridge.proof.turns import Ball
@@ -146,8 +146,7 @@ def prove_from(
     if not record.checkpoints:
         start = Box(displacement=((Fraction(0), Fraction(0)),) * len(problem.mass),
                     velocity=tuple((v, Fraction(0)) for v in problem.velocity))  # fmt: skip
-        flow = Flow(problem, Fraction(0), start, scale=scale, bits=record.bits)
-        record.checkpoints.append(_checkpoint(flow, start))
+        record.checkpoints.append(_checkpoint(problem, Fraction(0), start))
         record.samples.append(start)
         record.extremes = look(problem, [Extreme()] * len(problem.left), start, Fraction(0))
     try:
@@ -187,8 +186,7 @@ def _prove_segment(flow: Flow, record: Record, digits: int) -> None:
             and _is_quiet(flow, soonest, interval)
         ):
             until = min(problem.duration, (flow.time // grid + 1) * grid)
-    box = widened(flow.state())
-    record.checkpoints.append(_checkpoint(Flow(problem, flow.time, box, scale=flow.scale, bits=flow.bits), box))
+    record.checkpoints.append(_checkpoint(problem, flow.time, widened(flow.state())))
     record.touches += sorted(sides.touches, key=lambda touch: touch.time[0])
     record.samples += samples
     record.extremes = look(problem, extremes.now, flow.state(), flow.time)
@@ -200,5 +198,6 @@ def _is_quiet(flow: Flow, soonest: Fraction, interval: Fraction) -> bool:
     return flow.distance > _QUIET * flow.scale.time * (0.25 if overdue else 1.0)
 
 
-def _checkpoint(flow: Flow, box: Box) -> Checkpoint:
-    return Checkpoint(time=flow.time, box=box, closed=tuple((flow.side > 0).tolist()))
+def _checkpoint(problem: Problem, time: Fraction, box: Box) -> Checkpoint:
+    overlaps = (overlap_in(problem, box, k) for k in range(len(problem.left)))
+    return Checkpoint(time=time, box=box, closed=tuple(middle > radius for middle, radius in overlaps))

@@ -11,6 +11,7 @@ import pytest
 import dem_bridge as db
 from dem_bridge.errors import UsageError
 from dem_bridge.proof.certificate import digest_of, document_of, read_ball, read_record, write_document
+from dem_bridge.proof.checker_file import read_certificate, signs_in
 from dem_bridge.proof.problem import measure_scale, problem_of
 from dem_bridge.proof.producer import Record, prove_from
 
@@ -89,5 +90,8 @@ def test_certificates_that_are_kept_are_whole(file: Path) -> None:
     assert document["digest"] == digest_of(document)
     assert len(document["samples"]["time"]) == document["scene"]["count"] + 1
     assert float(Fraction(document["proved_until"])) == float.fromhex(document["scene"]["duration"])
+    claims = read_certificate(file)
+    for box in claims.boxes:
+        signs_in(claims.chain, box)  # the flags "closed" are those of the box
     if document["scene"]["name"] in db.shipped_scenes():
         assert document["scene"]["hash"] == db.load_scene(document["scene"]["name"]).content_hash
