@@ -134,7 +134,7 @@ class Limit:
     difference: float
     """Largest difference between the two finest files, relative to the scale."""
     same: bool
-    """True if all files have the same values."""
+    """True if the two finest files have the same values."""
 
 
 def limit_of(files: Sequence[Floats], digits: float, scale: float, *, smooth: bool = True) -> Limit:
@@ -155,7 +155,7 @@ def limit_of(files: Sequence[Floats], digits: float, scale: float, *, smooth: bo
         return Limit(finest, 1.0, math.nan, 0.0, False)
     with np.errstate(all="ignore"):
         steps = [float(np.max(np.abs(fine - coarse))) / scale for coarse, fine in pairwise(files)]
-    same = all(step == 0.0 for step in steps)
+    same = steps[-1] == 0.0
     floor = 3.0 * digits / scale + ROUNDOFF_OF_CODES
     if steps[-1] <= LEAST_DIFFERENCE_WITH_ORDER + 2.0 * digits / scale or len(files) < 3:
         certain = max(steps[-1], floor) if len(files) == 3 else steps[-1] + floor

@@ -81,7 +81,7 @@ def _order(
         found = explanations[scene]
         explained = found.right or (found.fault is not None and found.left <= found.allowed)
         if all(limit.same for limit in behaviour.limits.values()) and not explained:
-            sentence = "The files at all three steps have the same values, and these are not exact: {dt} is not obeyed."
+            sentence = "The files at the two finest steps are the same, and their values not exact: {dt} is not obeyed."
             return failed_item("order", scene, sentence, "step-ignored")
         for name, limit in behaviour.limits.items():
             if not math.isnan(limit.order) and limit.order < orders.get(name, (math.inf, "", 0.0))[0]:

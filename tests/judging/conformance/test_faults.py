@@ -8,7 +8,17 @@ from tests.judging.conformance.faulty_code import FAULTS
 from tests.judging.conformance.measure_faults import NO, failed_items
 
 #: fault -> features of the few scenes on which it is looked for at every commit
-QUICK = {"half-step-velocity": "hertz", "tsuji-without-sqrt2": "hertz,tsuji"}
+QUICK = {
+    "exponent-1.4": "hertz",
+    "no-reaction": "hertz",
+    "background-drag": "hertz",
+    "contact-loss": "hertz",
+    "rounded-times": "hertz",
+    "pull-off": "hertz",
+    "step-bounded-below": "hertz,hooke",
+    "half-step-velocity": "hertz",
+    "tsuji-without-sqrt2": "hertz,tsuji",
+}
 
 
 def _failed(found: dict[str, str]) -> set[str]:
