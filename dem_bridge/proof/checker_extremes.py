@@ -4,10 +4,9 @@
 ``D(q) + max(a q, b (1 - q), 0)`` on [0, 1]. So the largest overlap is at most ``M + r`` if the bounds of all pieces,
 with the error of the tube, are; and at least ``M - r`` if the overlap is that at the time that the file names.
 
-**Lemma 5 (crossing).** Let the rate of an overlap have one sign in all pieces in which the contact may be closed, up to
-a time t1 at which the overlap is above 0 and the rate is, and let the rate be below 0 at t2 > t1. Then the first time
-at which the rate falls through zero while the contact is closed lies between t1 and t2. The sign is that of growth, but
-for a contact that is closed at the start, whose overlap may shrink until it opens for the first time.
+**Lemma 5 (crossing).** Let the rate of an overlap be nowhere 0 in the pieces in which the contact may be closed, up to
+a time t1 at which the overlap and the rate are above 0, and let the rate be below 0 at t2 > t1. Then the first time at
+which the rate falls through zero while the contact is closed lies between t1 and t2.
 
 As for touches, a contact with gap 0 counts from the time at which its overlap is proved to have a sign.
 """
@@ -121,7 +120,7 @@ class Watch:
             if claim.overlap is not None and (high + off > 0 or passage.contains(claim.at)):
                 _check_peak(passage, high, claim.overlap, claim.at)
             if claim.crossing is not None:
-                _check_crossing(passage, claim.crossing, claim.shrinks, counts=counts)
+                _check_crossing(passage, claim.crossing, counts=counts)
 
 
 def _check_peak(passage: Passage, high: fmpq, claim: Ball, at: fmpq) -> None:
@@ -142,21 +141,21 @@ def _check_peak(passage: Passage, high: fmpq, claim: Ball, at: fmpq) -> None:
     require(high + off <= max(most, fmpq(0)), f"{name} may be exceeded after t = {shown(passage.begins)} s")
 
 
-def _check_crossing(passage: Passage, claim: Ball, shrinks: fmpq, *, counts: bool) -> None:
-    """Prove the sign of a rate in a piece as far as the crossing, and that it has the other one after it (Lemma 5)."""
+def _check_crossing(passage: Passage, claim: Ball, *, counts: bool) -> None:
+    """Prove that a rate is nowhere 0 in a piece up to the crossing, and that it falls through zero there (Lemma 5)."""
     piece, rate, off_rate = passage.piece, passage.rate, passage.off_rate
     first, last = claim.middle - claim.radius / 2, claim.middle + claim.radius / 2
     name, part = f"the crossing time of contact {passage.contact}", (fmpq(0), fmpq(1))
     if passage.contains(first):
         q, time = place_of(piece, first)
-        closed = time >= claim.middle - claim.radius and passage.overlap(q) > passage.off
-        require(closed, f"{name} may be before the contact closes")
+        grows = passage.overlap(q) > passage.off and rate(q) > off_rate
+        require(time >= claim.middle - claim.radius and grows, f"{name} may be before the contact closes, or earlier")
         part, counts = ((fmpq(0), q) if piece.square >= 0 else (q, fmpq(1))), True
     if passage.begins < first and counts:
-        growth = -rate if passage.begins < shrinks else rate
-        if not limits(growth)[0] > off_rate:
-            least = limits(within(growth, *part), HALVINGS)[0]
-            require(least > off_rate, f"{name} may be near t = {shown(passage.begins)} s")
+        low, high = limits(rate)
+        if not (low > off_rate or high < -off_rate):
+            low, high = limits(within(rate, *part), HALVINGS)
+            require(low > off_rate or high < -off_rate, f"{name} may be near t = {shown(passage.begins)} s")
     if passage.contains(last):
         q, time = place_of(piece, last)
         require(time <= claim.middle + claim.radius and rate(q) < -off_rate, f"{name} may be after its ball")

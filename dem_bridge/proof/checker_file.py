@@ -105,8 +105,6 @@ class Extreme:
     at: fmpq
     """About the time of the largest overlap; a help, no claim."""
     crossing: Ball | None
-    shrinks: fmpq
-    """End of the time in which the overlap shrinks from the start, until the contact opens; a help, no claim."""
 
 
 @dataclass(frozen=True)
@@ -263,15 +261,12 @@ def _certificate(data: Any) -> Certificate:
         _touch(item, f"touch {k}", chain) for k, item in enumerate(_items(file["touches"], "touches", MOST_TOUCHES))
     ]
     samples = _samples(file["samples"], duration, scene["count"], until, n)
-    extremes = _extremes(file, chain, boxes, touches)
+    extremes = _extremes(file, len(chain.bonds), until)
     return Certificate(scene["name"], scene["hash"], duration, chain, boxes, tuple(touches), samples, extremes)
 
 
-def _extremes(
-    file: dict[str, Any], chain: Chain, boxes: Sequence[Box], touches: Sequence[Touch]
-) -> tuple[Extreme, ...]:
+def _extremes(file: dict[str, Any], count: int, until: fmpq) -> tuple[Extreme, ...]:
     """Return the claims of largest overlaps and crossing times: none where an entry is missing or null."""
-    count, until = len(chain.bonds), boxes[-1].time
     peaks, crossings = (_items(file.get(key, [None] * count), key, count, count) for key in ("peaks", "crossings"))
     extremes = []
     for k, (peak, crossing) in enumerate(zip(peaks, crossings, strict=True)):
@@ -285,20 +280,8 @@ def _extremes(
             time = NEVER if crossing == "none" else _ball(crossing, f"crossing {k}", short=True)
             inside = time.radius < time.middle and time.middle + time.radius <= until
             require(time == NEVER or inside, f"crossing {k} is not in the time that is proved")
-        extremes.append(Extreme(overlap, at, time, _shrinking(k, chain.bonds[k], boxes[0], touches, time or NEVER)))
+        extremes.append(Extreme(overlap, at, time))
     return tuple(extremes)
-
-
-def _shrinking(k: int, bond: Bond, start: Box, touches: Sequence[Touch], crossing: Ball) -> fmpq:
-    """Return about the time until which a contact that is closed at the start opens, before its crossing."""
-    first = next((touch for touch in touches if touch.contact == k), None)
-    if bond.gap >= 0 or (first is not None and first.closes):
-        return fmpq(0)
-    if first is None:
-        rate = sum((-sign * start.v[body].middle for body, sign in bond.ends), fmpq(0))
-        return NEVER.middle if rate < 0 and crossing == NEVER else fmpq(0)
-    opens = first.time.middle + first.time.radius
-    return opens if opens <= crossing.middle - crossing.radius else fmpq(0)
 
 
 def _check_order(boxes: Sequence[Box], velocity: Sequence[fmpq]) -> None:

@@ -175,9 +175,15 @@ MUTANTS: list[tuple[str, str, str, Probe]] = [
         "(q, q) if piece.square >= 0 else",
         probes.crossing_times_are_enclosed,
     ),
-    ("checker_extremes", "least > off_rate", "least > 0", probes.crossing_times_are_enclosed),
+    ("checker_extremes", "and rate(q) > off_rate", "and rate(q) > 0", probes.crossing_times_are_enclosed),
+    (
+        "checker_extremes",
+        "require(low > off_rate or high < -off_rate, f",
+        "require(True, f",
+        probes.crossing_times_are_enclosed,
+    ),
+    ("checker_extremes", "and rate(q) > off_rate", "", probes.crossing_times_are_enclosed),
     ("checker_extremes", "rate(q) < -off_rate", "rate(q) < 0", probes.crossing_times_are_enclosed),
-    ("checker_extremes", "-rate if passage.begins < shrinks else rate", "rate", probes.crossing_times_are_enclosed),
     ("checker_extremes", "(side == 0 and self.known[k])", "False", probes.crossing_times_are_enclosed),
     ("checker_extremes", "side > 0 or (side", "False or (side", probes.crossing_times_are_enclosed),
     (

@@ -237,7 +237,7 @@ FAULTS: dict[str, tuple[Callable[[File], None], str]] = {
     "a peak is at another time": (of_peak("at", lambda t: proofs.ratio(Fraction(t) / 2)), "contact 1 may not be"),
     "a peak is after the end": (of_peak("at", lambda _: "1"), "is not in the time that is proved"),
     "a crossing is earlier": (of_crossing(lambda b: moved(b, -2)), "crossing time of contact 1 may be after its ball"),
-    "a crossing is later": (of_crossing(lambda b: moved(b, 2)), "crossing time of contact 1 may be near"),
+    "a crossing is later": (of_crossing(lambda b: moved(b, 2)), "crossing time of contact 1 may be before"),
     "a crossing is shrunk": (of_crossing(narrow), "the crossing time of contact 1 may be"),
     "a crossing is at the start": (of_crossing(lambda _: ["0", "0"]), "crossing 1 is not in the time"),
     "a crossing is after the end": (of_crossing(lambda _: ["1", "1e-20"]), "crossing 1 is not in the time"),
