@@ -43,6 +43,7 @@ What is assumed: the rational arithmetic of FLINT, its balls where samples are e
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from copy import copy
@@ -372,7 +373,8 @@ def _run(
     if jobs <= 1 or len(tasks) <= 1:
         yield from (check_segment(*task) for task in tasks)
         return
-    with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=get_context("spawn")) as pool:
+    count, context = min(jobs, len(tasks)), get_context("spawn")
+    with ProcessPoolExecutor(count, context, initializer=claims.end_with, initargs=(os.getpid(),)) as pool:
         try:
             yield from pool.map(check_segment, *zip(*tasks, strict=True))
         finally:

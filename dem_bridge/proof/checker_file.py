@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import json
 import math
+import os
 import re
+import signal
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -128,6 +132,14 @@ def read_certificate(path: str | Path) -> Certificate:
         return _certificate(json.loads(text))
     except OF_DAMAGED_DATA as error:
         raise NotProved(f"the file is no certificate: {one_line(str(error) or type(error).__name__)}") from None
+
+
+def end_with(parent: int) -> None:
+    """Request that the kernel ends this process when its parent ends, by whatever signal; end if it has ended."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 def require(holds: bool, reason: str) -> None:

@@ -1,6 +1,7 @@
 """`dem-bridge prove`: what is proved, the certificate, and what is refused in one line."""
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from dem_bridge.errors import BackendUnavailable
 from dem_bridge.proof import balls
 from dem_bridge.proof.certificate import digest_of
+from tests.helpers import processes
 from tests.helpers.command_line import assert_one_line, run_here
 
 pytest.importorskip("flint")
@@ -64,6 +66,21 @@ def test_what_cannot_be_proved_is_refused_in_one_line(tmp_path: Path) -> None:
     assert_one_line(done, "pair cannot be proved: the scene has drag; supported: walls, gaps")
     done = run_here("prove", "drag.toml", "-o", "pair.json", "--digits", "0", cwd=tmp_path)
     assert_one_line(done, "--digits = 0; allowed: a whole number from 1 to 60")
+
+
+def test_processes_of_a_check_end_with_it(tmp_path: Path) -> None:
+    file = Path(__file__).parents[2] / "reports" / "proofs" / "chain-10-7.json"  # takes a second and more a segment
+    command = [sys.executable, "-m", "dem_bridge", "prove", "--check", str(file), "-j", "2"]
+    check = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    listed = Path(f"/proc/{check.pid}/task/{check.pid}/children")
+    # the third looks after what they share
+    assert processes.happens(lambda: check.poll() is not None or len(listed.read_text().split()) == 3)
+    began = [int(word) for word in listed.read_text().split()]
+    processes.pause(1.0)
+    assert check.poll() is None, "the check ended before it was killed"
+    check.kill()
+    check.wait()
+    assert processes.all_end(began, within=60.0)
 
 
 def test_without_the_library_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
