@@ -225,11 +225,15 @@ def new_axes(height: float = 3.7) -> Axes:
 
 
 def fix_layout(figure: Figure) -> Figure:
-    """Compute the layout of a figure once and return the figure, because saving with a layout engine draws twice."""
+    """Compute the layout of a figure once and return the figure, because saving with a layout engine draws twice.
+
+    So does saving with the engine that does nothing, "none", in place of another one.
+    """
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
-        figure.set_layout_engine("none")
+        with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)
     return figure
 
 

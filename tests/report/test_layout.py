@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import textwrap
 from dataclasses import replace
@@ -365,13 +366,25 @@ def test_a_layout_is_computed_once_and_kept() -> None:
     figure = _figure(_panel(_line()))
     before = figure.axes[0].get_position().bounds
     assert fix_layout(figure) is figure
-    assert figure.get_layout_engine() is None or type(figure.get_layout_engine()).__name__ == "PlaceHolderLayoutEngine"
+    assert figure.get_layout_engine() is None
     after = figure.axes[0].get_position().bounds
     assert after != before
     figure.draw_without_rendering()
     assert figure.axes[0].get_position().bounds == after
     plain = Figure()
     assert fix_layout(plain) is plain
+
+
+def test_a_figure_whose_layout_is_fixed_is_drawn_once_when_it_is_saved(monkeypatch: pytest.MonkeyPatch) -> None:
+    figure, draw, drawn = fix_layout(_figure(_panel(_line()))), Axes.draw, list[Axes]()
+
+    def draw_noted(self: Axes, *given: Any, **named: Any) -> None:
+        drawn.append(self)
+        draw(self, *given, **named)
+
+    monkeypatch.setattr(Axes, "draw", draw_noted)
+    figure.savefig(io.StringIO(), format="svg")
+    assert drawn == [figure.axes[0]]
 
 
 def test_new_axes_have_the_size_of_a_notebook() -> None:
