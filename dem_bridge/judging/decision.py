@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,12 @@ STEPS_IN_INTERVAL = (*range(1, 21), 25, 30, 40, 50, 64, 80, 100)
 LARGEST_MULTIPLE_OF_BEST = 10.0
 #: rms in units of the noise at which the search for method and step ends
 RMS_NOISES_AT_END = 1.2
+#: what a fit leaves, in the error of velocity Verlet at the step, above which errors of other methods change no digit
+LARGEST_MULTIPLE_OF_VERLET = 1e4
+#: ... above which they do not make it better than another hypothesis, which leaves so many times less
+LEAST_MULTIPLE_OF_VERLET, LARGEST_MULTIPLE_OF_RIVAL = 100.0, 30.0
+#: ... and below which the method of order 4 is not that of the code
+LARGEST_SHARE_OF_VERLET = 0.1
 #: errors in units of the noise that digits do not explain
 LEAST_RESOLVED_NOISES = 12.0
 #: part of a difference that the best step leaves of noise, at least
@@ -93,8 +100,11 @@ class Decision:
         """Yield the best fits by methods of fixed steps: at the step of the file, or at a step that is to be found."""
         p = exact.parameters
         if self.data.dt is not None:
-            for method in METHODS_OF_RIGHT_CODES:
-                yield self._improved(hypothesis, p, Stepping(method, self.data.dt))
+            by_verlet = self._improved(hypothesis, p, Stepping(kernels.VERLET, self.data.dt))
+            yield by_verlet
+            for method in METHODS_OF_RIGHT_CODES[1:]:
+                if not self._decided_by_verlet(by_verlet, method, rival):
+                    yield self._improved(hypothesis, p, Stepping(method, self.data.dt))
             return
         # the file was written by one method and step, whatever its cause
         explained = rival is not None and rival.rms < RMS_NOISES_AT_END
@@ -108,6 +118,38 @@ class Decision:
             counts = STEPS_IN_INTERVAL if exact.error < 0.1 else STEPS_IN_INTERVAL[:20]
             for method in METHODS_OF_RIGHT_CODES[::-1]:
                 yield from self._tried_steps(hypothesis, p, method, counts)
+
+    @cached_property
+    def _error_of_verlet(self) -> Floats:
+        """Error of velocity Verlet at the step of the file, in units of the noise."""
+        assert self.data.dt is not None
+        with np.errstate(all="ignore"):
+            stepped = self._predicted(self.base, Stepping(kernels.VERLET, self.data.dt))
+        return self.data.residual(stepped) - self.data.residual(self.exact)
+
+    def _decided_by_verlet(self, fit: Fit, method: int, rival: Fit | None) -> bool:
+        """Return whether a fit by velocity Verlet shows that another method at this step need not be tried.
+
+        What the fit leaves may be so large that errors of the step are nothing beside it, or that they do not reach
+        what the best of the other hypotheses leaves, ``rival``. Or it is so small that the method of order 4, which
+        does not err as Verlet does, would leave more: Verlet's error, but for what parameters take of it.
+        """
+        error = self._error_of_verlet
+        size = float(np.sqrt(np.mean(error**2)))
+        worse = rival is not None and fit.rms > LARGEST_MULTIPLE_OF_RIVAL * rival.rms
+        if fit.rms > (LEAST_MULTIPLE_OF_VERLET if worse else LARGEST_MULTIPLE_OF_VERLET) * size:
+            return True
+        small = self._relative(error) < LARGEST_ERROR_OF_STEP
+        if method != kernels.RK4 or not small or fit.rms > LARGEST_SHARE_OF_VERLET * size:
+            return False
+        derivative = self._derivative(fit.hypothesis, fit.parameters)
+        rest = error + derivative @ least(derivative, -error)
+        return fit.rms < LARGEST_SHARE_OF_VERLET * float(np.sqrt(np.mean(rest**2)))
+
+    def _relative(self, residual: Floats) -> float:
+        """Return the largest value of a residual relative to the scale of its quantity."""
+        sizes = np.concatenate([(block.sigma / block.scale).ravel() for block in self.data.blocks])
+        return float(np.max(np.abs(residual) * sizes))
 
     def _rounded(self, hypothesis: Hypothesis, p: Floats) -> Fit:
         """Return the fit of a method of another code, at a step that divides the interval of samples if one fits."""

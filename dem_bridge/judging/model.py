@@ -94,7 +94,10 @@ class Model:
         MotionTooLong
             If the motion of the scene itself needs too many steps.
         """
-        line, rest = plain_kernels.line_of(system), (np.ascontiguousarray(times), self.speed, tolerance, *self._pair)
+        line, rest = (
+            plain_kernels.line_of(system),
+            (np.array(times, dtype=np.float64), self.speed, tolerance, *self._pair),
+        )
         *motion, end = (
             kernels.adaptive(system, *rest) if line is None else plain_kernels.adaptive(line, system.first_step, *rest)
         )

@@ -74,8 +74,6 @@ def _other_origin(data: Data) -> Iterator[Hypothesis]:
 
 def _other_orders(data: Data) -> Iterator[Hypothesis]:
     """Yield the order of bodies in which the columns of a file are most like the motion, if it is not the scene's."""
-    from scipy.optimize import linear_sum_assignment
-
     base, n, rows = data.model.system, data.model.scene.n_body, len(data.time)
     blocks = [block for block in data.blocks if block.quantity < 2]
     if (
@@ -85,7 +83,7 @@ def _other_orders(data: Data) -> Iterator[Hypothesis]:
     ):
         return
     bodies, motion = blocks[0].columns, data.motion(Variant(base), rows, TOLERANCE_OF_SEARCH, None)[0]
-    own, every = np.arange(len(bodies)), -(-rows * n * n // MOST_VALUES_TO_ORDER)
+    own, every, of_scene = np.arange(len(bodies)), -(-rows * n * n // MOST_VALUES_TO_ORDER), math.inf
     for sign in (1.0, -1.0):
         misfit = np.zeros((len(bodies), n))
         for block in blocks:
@@ -95,7 +93,11 @@ def _other_orders(data: Data) -> Iterator[Hypothesis]:
         whole = float(np.sum(misfit[own, bodies]))
         # bodies that move alike, such as those ahead of a front, stay in the scene's order
         misfit[own, bodies] -= 1e-9 * whole / n
-        places = linear_sum_assignment(misfit)[1]
+        of_scene, least = min(of_scene, whole), np.min(misfit, axis=1)
+        # no order leaves less than the least of each column, and it must leave less than the scene
+        if np.all(misfit[own, bodies] == least) or float(np.sum(least)) > of_scene:
+            continue
+        places = _best_places(misfit)
         moved_bodies = np.flatnonzero(places != bodies)
         if not len(moved_bodies) or float(np.sum(misfit[own, places])) > LARGEST_SHARE_OF_OTHER_ORDER * whole:
             continue
@@ -108,6 +110,13 @@ def _other_orders(data: Data) -> Iterator[Hypothesis]:
         words = f"The bodies are in another order: {few}{' and so on' if len(moved_bodies) > 3 else ''}."
         variant = Variant(base, order=tuple(order.tolist()), factors=(sign, sign, 1.0))
         yield Hypothesis("order-of-bodies", _always(variant), words)
+
+
+def _best_places(misfit: Floats) -> NDArray[np.int64]:
+    """Return the body for each column, all different, with which the sum of misfits is least."""
+    from scipy.optimize import linear_sum_assignment  # 0.3 s to import, and few files need it
+
+    return np.asarray(linear_sum_assignment(misfit)[1])
 
 
 def _other_signs(data: Data, exact: Sequence[Floats]) -> Iterator[Hypothesis]:

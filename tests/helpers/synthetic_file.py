@@ -53,8 +53,10 @@ class SyntheticFile:
         interval: float = 0.5,
         scale: float = 1e4,
         size: float = 0.1,
+        error_of_verlet: float = 1.0,
     ) -> None:
         self.function, self.size, self.over = residual, size, False
+        self.error_of_verlet = error_of_verlet
         self.blocks = list(blocks) or [block(np.zeros((4, 1)), scale=scale)]
         self.floors = [1.0] * len(self.blocks)
         self.time, self.dt, self.even, self.interval = np.array(time), dt, even, interval
@@ -90,6 +92,10 @@ class SyntheticFile:
         data: Any = self
         decision = Decision(data)
         decision.step = decision.step if step is None else step
+        # of the scene itself, in units of the noise
+        vars(decision)["_error_of_verlet"] = np.full(
+            sum(each.values.size for each in self.blocks), self.error_of_verlet
+        )
         return decision
 
     def steps(self, method: int) -> list[float]:

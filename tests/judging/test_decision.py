@@ -115,6 +115,38 @@ def test_methods_at_the_step_of_a_file_are_tried_up_to_a_fit_to_the_digits(
 
 
 @pytest.mark.parametrize(
+    ("verlet", "error", "other", "tried"),
+    [
+        (9e4, 9.1, None, [VERLET, DRIFT_FIRST, RK4]),
+        (9e4, 8.9, None, [VERLET]),  # ten thousand errors of the step are left
+        (9e4, 8.9, 3001.0, [VERLET]),
+        (9e4, 899.0, 2999.0, [VERLET]),  # another hypothesis leaves thirty times less
+        (9e4, 899.0, 3001.0, [VERLET, DRIFT_FIRST, RK4]),
+        (9e4, 901.0, 2999.0, [VERLET, DRIFT_FIRST, RK4]),
+        (9.0, 89.0, None, [VERLET, DRIFT_FIRST, RK4]),
+        (9.0, 91.0, None, [VERLET, DRIFT_FIRST]),  # a method of order 4 would leave 91
+        (9.0, 99.0, 0.01, [VERLET, DRIFT_FIRST]),
+        (9.0, 101.0, None, [VERLET, DRIFT_FIRST, RK4]),  # it may err at a step so coarse
+    ],
+)
+def test_methods_that_cannot_leave_less_than_verlet_are_not_tried(
+    verlet: float, error: float, other: float | None, tried: list[int]
+) -> None:
+    file = SyntheticFile(of_methods(9.5e4, verlet, 1e5, 1e5), dt=0.125, error_of_verlet=error)
+    file.decision().decide(hypothesis(), NOTHING, None if other is None else rival(other))
+    assert [stepping.method for *_, stepping in file.predicted if stepping is not None] == tried
+
+
+def test_a_method_of_order_four_is_tried_where_a_parameter_takes_the_error_of_verlet() -> None:
+    def linear(p: Floats, stepping: Stepping | None) -> Floats:
+        return np.array([5.0, -5.0, 5.0, -5.0, 5.0, -5.0]) + (9.0 + float(p[0]) if stepping is None else 0.0)
+
+    file = SyntheticFile(linear, blocks=[block(np.zeros((3, 2)), scale=1e4)], dt=0.125, error_of_verlet=91.0)
+    file.decision().decide(hypothesis(1), ORIGIN)
+    assert file.steps(RK4)
+
+
+@pytest.mark.parametrize(
     ("dt", "end", "size", "runs"),
     [
         (2.0**-18, 400_000 * 2.0**-18, 1, True),

@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from dem_bridge.judging import kernels
+from dem_bridge.judging import kernels, samples
 from dem_bridge.judging.chain_hypotheses import global_hypotheses
 from dem_bridge.judging.hypotheses import Changes, Hypothesis, Variant
 from dem_bridge.judging.model import Model, system_of
@@ -378,6 +378,33 @@ def test_times_lags_and_orders_of_samples_are_these() -> None:
          Variant(base, order=(2, 1, 0), factors=(-1.0, -1.0, 1.0))),
     ]  # fmt: skip
     assert [settings(each) for each in yielded[1:]] == [()] * 4
+
+
+@pytest.mark.parametrize(
+    ("columns", "sign", "asked"),
+    [([0, 1, 2], 0.9, 0), ([1, 0, 2], 0.9, 1), ([1, 0, 2], -0.9, 2), ([2, 0, 1], 1.0, 1)],
+)
+def test_another_order_of_bodies_is_looked_for_where_one_may_leave_less(
+    columns: list[int], sign: float, asked: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched, search = list[Floats](), samples._best_places
+
+    def search_noted(misfit: Floats) -> Any:
+        searched.append(misfit)
+        return search(misfit)
+
+    monkeypatch.setattr(samples, "_best_places", search_noted)
+    # each body moves at a time of its own
+    motion = SimpleNamespace(velocity=np.eye(3), displacement=np.eye(3))
+    block = SimpleNamespace(quantity=0, columns=np.arange(3), values=sign * np.eye(3)[:, columns], scale=1.0)
+    data: Any = SimpleNamespace(
+        model=SimpleNamespace(system="base", scene=SimpleNamespace(n_body=3)), time=np.arange(3.0), blocks=[block],
+        motion=lambda *given: (motion, None),
+    )  # fmt: skip
+    found = [each.make(NOTHING) for each in samples._other_orders(data)]
+    factors, base = (math.copysign(1.0, sign), math.copysign(1.0, sign), 1.0), cast(Any, "base")
+    assert found == ([Variant(base, order=tuple(columns), factors=factors)] if asked else [])
+    assert len(searched) == asked
 
 
 @pytest.mark.parametrize(
