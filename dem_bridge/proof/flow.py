@@ -18,10 +18,6 @@ from dem_bridge.proof.turns import Ball, Course, Curve, follow_overlap
 
 #: highest order of a series
 MOST_ORDER = 224
-#: what a step may add to the largest radius, relative to it: a run has some ten thousand steps
-SHARE = 1e-4
-#: bits of rounding below the largest radius
-GUARD = 40
 #: a contact counts as closed only where the radius of its overlap is below this part of it
 _CERTAIN = 2.0**-10
 
@@ -48,6 +44,24 @@ class Step:
     """Upper bounds of the overlaps within the step, m."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class StepRule:
+    """How steps are chosen; a proof is right with any rule, and its radii depend on it."""
+
+    share: float = 1e-4
+    """What a step may add to the largest radius, relative to it: a run has some ten thousand steps."""
+    guard: int = 40
+    """Bits of rounding below the largest radius."""
+    order: float = 0.5 * math.log(2.0)
+    """Order of the series for each bit that is proved."""
+    faint: float = 0.1
+    """Largest force that is neglected, by its change of a velocity, relative to what a step may add to a radius."""
+
+
+#: the rule of proofs
+STEP_RULE = StepRule()
+
+
 class Stopped(Exception):
     """A step that cannot be proved; the message is the reason."""
 
@@ -67,10 +81,14 @@ class Flow:
         Speed and shortest time of the scene; they set accuracies, and no proof depends on them.
     bits : int
         Radii count as at least ``2^-bits`` of the largest velocity, for the choice of steps.
+    rule : StepRule
+        How steps are chosen.
     """
 
-    def __init__(self, problem: Problem, time: Fraction, box: Box, *, scale: Scale, bits: int) -> None:
-        self.problem, self.time, self.scale, self.bits = problem, time, scale, bits
+    def __init__(
+        self, problem: Problem, time: Fraction, box: Box, *, scale: Scale, bits: int, rule: StepRule = STEP_RULE
+    ) -> None:
+        self.problem, self.time, self.scale, self.bits, self.rule = problem, time, scale, bits, rule
         self.steps = 0
         n, k = len(problem.mass), len(problem.left)
         self._n, stride = n, MOST_ORDER + 2
@@ -111,11 +129,11 @@ class Flow:
         largest = survey(chain, self._space, self._state.address, 1 << 12, self._bounds)
         least = math.ldexp(self.scale.speed, -self.bits)
         self.radius = max(largest[1], least)
-        self._limit = SHARE * np.array([max(largest[0], least * self.scale.time / 16.0), self.radius])
+        self._limit = self.rule.share * np.array([max(largest[0], least * self.scale.time / 16.0), self.radius])
         #: bits of the largest velocity that are proved
         self.left = max(math.log2(self.scale.speed / self.radius), 1.0)
-        self._precision = int(self.left) + GUARD
-        self._order = min(MOST_ORDER, max(16, int(0.5 * math.log(2.0) * self.left + 8)))
+        self._precision = int(self.left) + self.rule.guard
+        self._order = min(MOST_ORDER, max(16, int(self.rule.order * self.left + 8)))
 
     def _classify(self) -> None:
         """Decide which contacts count as closed, and the unit of time of the step."""
@@ -126,7 +144,7 @@ class Flow:
         # while an overlap grows fivefold, or falls to 0, a force that is neglected must not matter
         spell = np.minimum(4.0 * np.maximum(high, 0.0) / pace, 4.0 * self.scale.time)
         push = chain.stiffness * (5.0 * np.maximum(high, 0.0)) ** (0.5 * chain.doubled) * lightest * spell
-        self._closed = certain & ~(push < 0.1 * self._limit[1])
+        self._closed = certain & ~(push < self.rule.faint * self._limit[1])
         if self._closed.any():
             scale = 4.0 * float(np.min((high / pace)[self._closed]))
             self._unit = min(self._unit, math.floor(math.log2(scale)) if scale < 1.0 else 0)
@@ -209,7 +227,7 @@ class Flow:
                 rate=tuple((a - b, r + q) for (a, r), (b, q) in zip(left, right, strict=True)),
                 apart=apart,
                 faster=faster,
-                bits=precision + GUARD,
+                bits=precision + self.rule.guard,
             )
         )
 
@@ -232,7 +250,8 @@ class Flow:
     def _certain(self) -> Bools:
         """Contacts whose overlap is so much larger than all radii that its sign stays certain in what follows."""
         low, high = self._bounds[:2]
-        return np.asarray(np.maximum(high - low, self._limit[0] / SHARE) < _CERTAIN * np.minimum(abs(low), abs(high)))
+        width = np.maximum(high - low, self._limit[0] / self.rule.share)
+        return np.asarray(width < _CERTAIN * np.minimum(abs(low), abs(high)))
 
     @property
     def distance(self) -> float:

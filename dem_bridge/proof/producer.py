@@ -15,7 +15,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.foundation import progress
 from dem_bridge.foundation.compiled import Ints
 from dem_bridge.proof.extremes import Extreme, Extremes, look, overlap_in
-from dem_bridge.proof.flow import Box, Flow, Step, Stopped
+from dem_bridge.proof.flow import STEP_RULE, Box, Flow, Step, StepRule, Stopped
 from dem_bridge.proof.problem import Problem, Scale
 from dem_bridge.proof.turns import Ball
 
@@ -128,7 +128,12 @@ def _short(middle: Fraction, radius: Fraction) -> Ball:
 
 
 def prove_from(
-    problem: Problem, scale: Scale, record: Record, digits: int, keep: Callable[[Record], None] = lambda record: None
+    problem: Problem,
+    scale: Scale,
+    record: Record,
+    digits: int,
+    keep: Callable[[Record], None] = lambda record: None,
+    rule: StepRule = STEP_RULE,
 ) -> None:
     """Continue a proof from its last checkpoint to the end of the scene, or until it cannot go on.
 
@@ -142,6 +147,8 @@ def prove_from(
         Wanted digits of the largest velocity. With fewer left the proof ends.
     keep : callable
         Called with the record at each checkpoint.
+    rule : StepRule
+        How steps are chosen.
     """
     if not record.checkpoints:
         start = Box(displacement=((Fraction(0), Fraction(0)),) * len(problem.mass),
@@ -151,7 +158,7 @@ def prove_from(
         record.extremes = look(problem, [Extreme()] * len(problem.left), start, Fraction(0))
     try:
         while (last := record.checkpoints[-1]).time < problem.duration:
-            flow = Flow(problem, last.time, last.box, scale=scale, bits=record.bits)
+            flow = Flow(problem, last.time, last.box, scale=scale, bits=record.bits, rule=rule)
             _prove_segment(flow, record, digits)
             keep(record)
     except Stopped as reason:

@@ -6,6 +6,8 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers import proofs
 
@@ -53,6 +55,26 @@ FAINT = Scene(
     velocity=(0.8, 0.0, 0.0),
     samples=1,
 )
+
+
+def random_chain(seed: int, bodies: int) -> Scene:
+    """Return a chain of random masses, stiffnesses and velocities with gaps, initial overlaps, a wall or gravity."""
+    rng = np.random.default_rng(seed)
+    contacts = bodies - 1
+    return Scene(
+        name=f"random-{seed}",
+        duration=3e-4,
+        mass=tuple(rng.uniform(5e-3, 2e-2, bodies).tolist()),
+        stiffness=tuple(10.0**power for power in rng.uniform(9.5, 10.8, contacts).tolist()),
+        velocity=(float(rng.uniform(0.3, 1.0)), *rng.uniform(-0.1, 0.1, contacts).tolist()),
+        exponent=tuple(rng.choice([2.5, 2.5, 3.0], contacts).tolist()),
+        gap=tuple(rng.choice([0.0, 1e-6, -2e-7], contacts).tolist()),
+        wall_right=Wall(stiffness=8e9, gap=1e-6) if seed % 2 else None,
+        gravity=9.81 if seed % 3 == 0 else 0.0,
+        samples=60,
+    )
+
+
 Radii = list[tuple[Fraction, Fraction]]
 
 

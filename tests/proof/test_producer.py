@@ -15,28 +15,13 @@ from dem_bridge.proof.producer import Record, choose_bits, prove_from
 
 pytest.importorskip("flint")
 
+from tests.helpers import proof_scenes
+
 PAIR = db.Scene(name="pair", duration=2e-4, mass=(8.1e-3, 1e-2), stiffness=(3.98e9,), velocity=(0.8, 0.0), gap=1e-6)
 THREE = db.Scene(
     name="three", duration=4e-4, mass=(8.1e-3, 1e-2, 9e-3), stiffness=(3.98e9, 7e9), velocity=(0.8, 0.0, 0.0),
     gap=(1e-6, 2e-6),
 )  # fmt: skip
-
-
-def _random_chain(seed: int, bodies: int) -> db.Scene:
-    rng = np.random.default_rng(seed)
-    contacts = bodies - 1
-    return db.Scene(
-        name=f"random-{seed}",
-        duration=3e-4,
-        mass=tuple(rng.uniform(5e-3, 2e-2, bodies).tolist()),
-        stiffness=tuple((10 ** rng.uniform(9.5, 10.8, contacts)).tolist()),
-        velocity=(float(rng.uniform(0.3, 1.0)), *rng.uniform(-0.1, 0.1, contacts).tolist()),
-        exponent=tuple(rng.choice([2.5, 2.5, 3.0], contacts).tolist()),
-        gap=tuple(rng.choice([0.0, 1e-6, -2e-7], contacts).tolist()),
-        wall_right=db.Wall(stiffness=8e9, gap=1e-6) if seed % 2 else None,
-        gravity=9.81 if seed % 3 == 0 else 0.0,
-        samples=60,
-    )
 
 
 def _contains(ball: tuple[Fraction, Fraction], value: Fraction) -> bool:
@@ -73,6 +58,22 @@ def test_linear_contacts_last_half_a_period() -> None:
     assert float(opens.time[0] - closes.time[0]) == pytest.approx(half, rel=1e-14)
 
 
+def test_a_chain_of_linear_contacts_contains_its_closed_form() -> None:
+    # the closed form has 400 bits, and is within 1e-80 of the duration, far below the radii
+    motion, proof = proof_scenes.linear_motion(), db.prove(proof_scenes.LINEAR)
+    problem = problem_of(proof_scenes.LINEAR)
+    record = Record(bits=proof.certificate["bits"])
+    prove_from(problem, measure_scale(proof_scenes.LINEAR), record, 16)
+    for i, box in enumerate(record.samples[1:], 1):
+        state = motion.at(i * problem.duration / problem.count)
+        balls = [*box.displacement, *box.velocity]
+        assert all(_contains(ball, value) for ball, value in zip(balls, state, strict=True))
+        assert max(radius for _, radius in balls) < Fraction(1, 10**20)
+    touches = [(touch.contact, touch.closes) for touch in proof.touches]
+    assert touches == [(contact, closes) for _, contact, closes in motion.touches]
+    assert all(_contains(mine.time, time) for mine, (time, _, _) in zip(proof.touches, motion.touches, strict=True))
+
+
 def test_momentum_and_energy_are_inside() -> None:
     proof = db.prove(THREE)
     _, v = _end(proof)
@@ -107,7 +108,7 @@ def test_the_reversed_motion_contains_the_start() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_reference_lies_inside_at_its_own_accuracy(seed: int) -> None:
-    scene = _random_chain(seed, 3 + seed % 2)
+    scene = proof_scenes.random_chain(seed, 3 + seed % 2)
     proof, run = db.prove(scene), db.solve(scene, backend="reference")
     assert proof.complete
     for name in ("velocity", "displacement"):
@@ -122,26 +123,19 @@ def test_the_reference_lies_inside_at_its_own_accuracy(seed: int) -> None:
         assert (error <= run.uncertainty[name])[known].all()
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_a_method_that_locates_touches_lies_inside_at_its_own_accuracy(seed: int) -> None:
+    scene = replace(proof_scenes.random_chain(seed, 3 + seed), samples=20)
+    proof, run = db.prove(scene), db.solve(scene, backend="scipy")
+    for name in ("velocity", "displacement"):
+        error = np.abs(getattr(run, name) - getattr(proof, name)) - getattr(proof, f"{name}_radius")
+        assert 0.0 < error.max() <= run.uncertainty[name]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4, 104))
 def test_the_reference_lies_inside_for_many_chains(seed: int) -> None:
     test_the_reference_lies_inside_at_its_own_accuracy(seed)
-
-
-def test_enclosures_of_different_settings_intersect() -> None:
-    scene = _random_chain(1, 3)
-    problem, scale = problem_of(scene), measure_scale(scene)
-    ends = []
-    for bits in (240, 270, 310, 350):
-        record = Record(bits=bits)
-        prove_from(problem, scale, record, 16)
-        assert not record.reason
-        ends.append(record.samples)
-    for boxes in zip(*ends, strict=True):
-        for name in ("displacement", "velocity"):
-            for balls in zip(*(getattr(box, name) for box in boxes), strict=True):
-                low = max(middle - radius for middle, radius in balls)
-                assert low <= min(middle + radius for middle, radius in balls)
 
 
 def test_too_few_bits_stop_the_proof_with_a_reason() -> None:
