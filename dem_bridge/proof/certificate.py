@@ -40,6 +40,7 @@ def document_of(scene: Scene, problem: Problem, record: Record) -> dict[str, Any
     """Return the certificate of what is proved, as it is written to a file."""
     until = record.checkpoints[-1].time
     samples = [box for i, box in enumerate(record.samples) if i * problem.duration / problem.count <= until]
+    moved, moving = (_place_of([getattr(box, name) for box in samples]) for name in ("displacement", "velocity"))
     document = {
         "schema": SCHEMA,
         "scene": _scene_entry(scene, problem),
@@ -61,8 +62,9 @@ def document_of(scene: Scene, problem: Problem, record: Record) -> dict[str, Any
         "crossings": [_crossing(problem, extreme) for extreme in record.extremes],
         "samples": {
             "time": [str(i * problem.duration / problem.count) for i in range(len(samples))],
-            "displacement": _rounded([box.displacement for box in samples]),
-            "velocity": _rounded([box.velocity for box in samples]),
+            "power": {"displacement": moved, "velocity": moving},
+            "displacement": [_rounded(box.displacement, moved) for box in samples],
+            "velocity": [_rounded(box.velocity, moving) for box in samples],
         },
         "proved_until": str(until),
         "versions": {"dem_bridge": __version__, **versions_of("python-flint", "numba")},
@@ -96,7 +98,7 @@ def read_record(path: Path, scene: Scene) -> Record:
         if document["scene"]["hash"] != scene.content_hash:
             raise ValueError(f"it is of another scene, {document['scene']['name']}")
         samples = document["samples"]
-        moments = zip(samples["displacement"], samples["velocity"], strict=True)
+        balls = (read_samples(samples, name) for name in ("displacement", "velocity"))
         return Record(
             bits=int(document["bits"]),
             checkpoints=[_read_checkpoint(point) for point in document["checkpoints"]],
@@ -104,7 +106,7 @@ def read_record(path: Path, scene: Scene) -> Record:
                 Touch(contact=item["contact"], closes=item["closes"], time=read_ball(item["time"]))
                 for item in document["touches"]
             ],
-            samples=[_read_box(displacement, velocity) for displacement, velocity in moments],
+            samples=[Box(displacement=x, velocity=v) for x, v in zip(*balls, strict=True)],
             extremes=read_extremes(document),
         )
     except OSError as error:
@@ -114,8 +116,10 @@ def read_record(path: Path, scene: Scene) -> Record:
         raise UsageError(f"{path}: is no certificate that can be continued ({error}); {allowed}") from error
 
 
-def read_ball(entry: Any) -> Ball:
+def read_ball(entry: Any, power: int = 0) -> Ball:
     """Return a ball from its entry; one decimal alone has a radius of one unit of its last digit.
+
+    A decimal that has no power of ten is in units of ``10^power``.
 
     Examples
     --------
@@ -123,11 +127,17 @@ def read_ball(entry: Any) -> Ball:
     ((Fraction(1, 2), Fraction(1, 1000)), (Fraction(6, 5), Fraction(1, 10)))
     """
     if isinstance(entry, str):
-        mantissa, _, power = entry.partition("e")
-        digits = len(mantissa.partition(".")[2])
-        return Fraction(entry), Fraction(10) ** (int(power or 0) - digits)
+        mantissa, _, own = entry.partition("e")
+        unit = Fraction(10) ** int(own or power)
+        return Fraction(mantissa) * unit, unit / 10 ** len(mantissa.partition(".")[2])
     middle, radius = entry
     return Fraction(middle), Fraction(radius)
+
+
+def read_samples(samples: Mapping[str, Any], name: str) -> list[tuple[Ball, ...]]:
+    """Return the balls of displacements or velocities at all samples; a whole number is in units of ``10^power``."""
+    power = samples.get("power", {}).get(name, 0)
+    return [tuple(read_ball(entry, power) for entry in row) for row in samples[name]]
 
 
 def read_extremes(document: Mapping[str, Any]) -> list[Extreme]:
@@ -224,14 +234,18 @@ def _decimal(value: Fraction, place: int) -> str:
     return f"{math.ceil(value / Fraction(10) ** place)}e{place}"
 
 
-def _rounded(rows: list[tuple[Ball, ...]]) -> list[list[str]]:
-    """Return samples as decimals whose radius is one unit of the last digit.
+def _place_of(rows: list[tuple[Ball, ...]]) -> int:
+    """Return the power of ten of the last digit of samples."""
+    largest = max((abs(middle) for row in rows for middle, _ in row), default=Fraction(0))
+    return _place(largest * _LAST_DIGIT) if largest else -300
+
+
+def _rounded(row: tuple[Ball, ...], least: int) -> list[str]:
+    """Return balls as decimals whose radius is one unit of the last digit; that of a whole number is ``10^least``.
 
     The unit is at least twice the widened radius, so that the rounding of the midpoint has room beside it.
     """
-    largest = max((abs(middle) for row in rows for middle, _ in row), default=Fraction(0))
-    least = _place(largest * _LAST_DIGIT) if largest else -300
-    return [[_sample(ball, least) for ball in row] for row in rows]
+    return [_sample(ball, least).removesuffix(f"e{least}") for ball in row]
 
 
 def _sample(ball: Ball, least: int) -> str:

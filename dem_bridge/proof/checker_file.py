@@ -34,6 +34,7 @@ MOST_CHARACTERS, MOST_EXPONENT = 1200, 600
 #: twice the power of a force, 2 (n - 1): forces have a bounded slope, and a root of the overlap makes them polynomials
 LEAST_TWICE, MOST_TWICE = 2, 8
 _DECIMAL = re.compile(r"-?\d+(?:\.(\d*))?(?:[eE]([+-]?\d{1,4}))?", re.ASCII)
+_WHOLE = re.compile("-?[0-9]+")
 _RATIONAL = re.compile(r"-?\d+(?:/[1-9]\d*)?", re.ASCII)
 _HEX = re.compile(r"-?0x[01](?:\.[0-9a-f]{1,16})?p[+-]\d{1,4}", re.ASCII)
 
@@ -241,14 +242,27 @@ def _touch(item: Any, where: str, chain: Chain) -> Touch:
 
 def _samples(data: Any, duration: fmpq, count: Any, until: fmpq, n: int) -> tuple[Sample, ...]:
     """Return the samples: all times ``i duration / count`` up to the time that is proved, in order."""
-    samples = _entries(data, "samples", "time displacement velocity")
+    samples = _entries(data, "samples", "time displacement velocity", "power")
     times = list(map(exact, _items(samples["time"], "samples.time", MOST_SAMPLES)))
     require(type(count) is int and 0 < count < MOST_SAMPLES, "scene.count is no number of samples")
     wanted = [duration * i / count for i in range(count + 1) if duration * i / count <= until]
     require(times == wanted, "samples.time is not i duration / count up to the time that is proved")
-    x, v = (_items(samples[key], f"samples.{key}", len(times), len(times)) for key in ("displacement", "velocity"))
+    names = ("displacement", "velocity")
+    power = _entries(samples.get("power", dict.fromkeys(names, 0)), "samples.power", " ".join(names))
+    require(all(type(power[key]) is int for key in names), "samples.power holds no whole numbers")
+    x, v = (
+        [_with_power(row, power[key]) for row in _items(samples[key], f"samples.{key}", len(times), len(times))]
+        for key in names
+    )
     rows = zip(times, x, v, strict=True)
     return tuple(Sample(t, *(_balls(row, "a sample", n, short=True) for row in pair)) for t, *pair in rows)
+
+
+def _with_power(row: Any, power: int) -> Any:
+    """Return a row of samples in which a whole number, one in units of ``10^power``, has its power of ten."""
+    if not isinstance(row, list):
+        return row
+    return [f"{item}e{power}" if isinstance(item, str) and _WHOLE.fullmatch(item) else item for item in row]
 
 
 def _certificate(data: Any) -> Certificate:

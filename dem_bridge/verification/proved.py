@@ -122,7 +122,9 @@ def _samples(file: Path) -> dict[str, tuple[Floats, Floats]]:
     They are kept, because a page that is written again and again while runs go on needs them each time.
     """
     document = _read(file)
-    return {} if document is None else {name: _balls(document["samples"][name]) for name in SAMPLED}
+    samples = {} if document is None else document["samples"]
+    powers = samples.get("power", dict.fromkeys(SAMPLED, 0))
+    return {name: _balls(samples[name], powers[name]) for name in SAMPLED if samples}
 
 
 def _number(text: str) -> float:
@@ -131,22 +133,25 @@ def _number(text: str) -> float:
     return int(over) / int(under) if under else float(text)
 
 
-def _ball(entry: str | list[str]) -> tuple[float, float]:
+def _ball(entry: str | list[str], power: int = 0) -> tuple[float, float]:
     """Return midpoint and radius, with the rounding to doubles; one decimal has the radius of its last digit.
+
+    A decimal that has no power of ten is in units of ``10^power``.
 
     >>> middle, radius = _ball("12e-1")
     >>> middle, round(radius, 12)
     (1.2, 0.1)
     """
     if isinstance(entry, str):
-        middle, radius = float(entry), float(f"1e{entry.partition('e')[2]}")
+        mantissa, _, own = entry.partition("e")
+        middle, radius = float(f"{mantissa}e{own or power}"), float(f"1e{own or power}")
     else:
         middle, radius = map(_number, entry)
     return middle, radius * (1.0 + _ROUNDED) + _ROUNDED * abs(middle)
 
 
-def _balls(rows: Sequence[Sequence[str]]) -> tuple[Floats, Floats]:
-    both = np.array([[_ball(entry) for entry in row] for row in rows])
+def _balls(rows: Sequence[Sequence[str]], power: int) -> tuple[Floats, Floats]:
+    both = np.array([[_ball(entry, power) for entry in row] for row in rows])
     return both[..., 0], both[..., 1]
 
 

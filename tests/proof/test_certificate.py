@@ -4,13 +4,15 @@ import json
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import UsageError
-from dem_bridge.proof.certificate import digest_of, document_of, read_ball, read_record, write_document
+from dem_bridge.proof.certificate import digest_of, document_of, read_record, read_samples, write_document
+from dem_bridge.proof.checker import check_proof
 from dem_bridge.proof.checker_file import read_certificate, signs_in
 from dem_bridge.proof.problem import measure_scale, problem_of
 from dem_bridge.proof.producer import Record, prove_from
@@ -50,11 +52,40 @@ def test_samples_are_rounded_outwards() -> None:
     record = Record(bits=proof.certificate["bits"])
     prove_from(exact, measure_scale(PAIR), record, 16)
     for name in ("displacement", "velocity"):
-        for row, box in zip(proof.certificate["samples"][name], record.samples, strict=True):
-            for entry, (middle, radius) in zip(row, getattr(box, name), strict=True):
-                wide = read_ball(entry)
+        for row, box in zip(read_samples(proof.certificate["samples"], name), record.samples, strict=True):
+            for wide, (middle, radius) in zip(row, getattr(box, name), strict=True):
                 assert abs(wide[0] - middle) + radius <= wide[1]
                 assert wide[1] <= Fraction(8, 10**17)
+
+
+def test_whole_numbers_of_samples_have_the_power_of_ten_of_the_file(tmp_path: Path) -> None:
+    document = json.loads(json.dumps(db.prove(PAIR).certificate))
+    samples = document["samples"]
+    power = samples["power"]["velocity"]
+    assert all("e" not in entry for row in samples["velocity"] for entry in row)
+    write_document(document, tmp_path / "units.json")
+    claims = read_certificate(tmp_path / "units.json")
+    middle = claims.samples[-1].v[1].middle
+    assert Fraction(int(middle.p), int(middle.q)) == int(samples["velocity"][-1][1]) * Fraction(10) ** power
+    assert check_proof(tmp_path / "units.json", jobs=1).proved
+    # as files were written before: each number has its own
+    before = {"time": samples["time"]}
+    for name in ("displacement", "velocity"):
+        before[name] = [[f"{entry}e{samples['power'][name]}" for entry in row] for row in samples[name]]
+    _rewritten(document | {"samples": before}, tmp_path / "before.json")
+    assert read_certificate(tmp_path / "before.json").samples == claims.samples
+    for wrong in (power - 1, power + 1):
+        changed = samples | {"power": samples["power"] | {"velocity": wrong}}
+        _rewritten(document | {"samples": changed}, tmp_path / "wrong.json")
+        assert not check_proof(tmp_path / "wrong.json", jobs=1).proved
+    for wrong in ("-17", None, {"velocity": -17}, {"displacement": -20, "velocity": "-17"}):
+        _rewritten(document | {"samples": samples | {"power": wrong}}, tmp_path / "wrong.json")
+        assert "samples.power" in check_proof(tmp_path / "wrong.json", jobs=1).sentence
+
+
+def _rewritten(document: dict[str, Any], path: Path) -> None:
+    """Write a certificate whose digest is that of its content."""
+    write_document(document | {"digest": digest_of(document)}, path)
 
 
 def test_each_box_contains_the_motion_that_begins_in_the_one_before() -> None:
