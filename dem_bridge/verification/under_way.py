@@ -117,7 +117,7 @@ class _Writer:
 
     def __init__(self, under_way: UnderWay, folder: Path, every: float) -> None:
         self._under_way, self._folder, self._every = under_way, folder, every
-        self._ended, self._written = threading.Event(), False
+        self._ended, self._written = threading.Event(), set[str]()
         self._thread = threading.Thread(target=self._repeat, daemon=True)
         self._thread.start()
 
@@ -130,17 +130,24 @@ class _Writer:
             wait = max(self._every, (time.thread_time() - began) / _SHARE)
 
     def _write(self, *, interrupted: bool = False) -> bool:
+        page = self._under_way.page(interrupted=interrupted)
         try:
-            write_whole(self._folder, self._under_way.page(interrupted=interrupted))
+            write_whole(self._folder, page)
         except UsageError as error:
             self._under_way.trouble = TEXTS("unwritten", error=error)
             return False
-        self._written = True
+        self._written |= set(page)
         return True
 
     def end(self, *, interrupted: bool = False) -> None:
-        """End the thread; the page of an interrupted verification is written once more, if there is one."""
+        """End the thread; the page of an interrupted verification is written once more, if there is one.
+
+        Otherwise the page of the whole verification takes its place, and its other files are removed.
+        """
         self._ended.set()
         self._thread.join()
         if interrupted and self._written:
             self._write(interrupted=True)
+        elif not interrupted:
+            for name in self._written - {"index.html"}:
+                (self._folder / name).unlink(missing_ok=True)

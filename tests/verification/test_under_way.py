@@ -90,8 +90,9 @@ def test_a_scene_is_on_the_page_while_the_next_is_run(
     assert ended is not hidden
     assert (re.search(r"checks pass", words) is not None) is not hidden
     assert '<meta http-equiv="refresh" content="5">' in page
-    # what others read without the page is written at the end
+    # what others read without the page is written at the end, and tables of this page are not left beside it
     assert {file.name for file in tmp_path.iterdir()} == {"index.html", "tables"}
+    assert list((tmp_path / "tables").iterdir()) == []
 
 
 def test_the_last_page_of_an_interrupted_verification_says_so(tmp_path: Path) -> None:
