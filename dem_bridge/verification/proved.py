@@ -171,6 +171,20 @@ def proved_table(studies: Sequence[SceneStudy]) -> Table | None:
     return TEXTS.table("proved", COLUMNS, rows) if rows else None
 
 
+def largest_proved_error(studies: Sequence[SceneStudy]) -> float:
+    """Return an upper bound of LAMMPS' largest difference from the proved velocities of all these scenes, relative.
+
+    It is nan unless all of them are proved up to their ends, and LAMMPS ran.
+    """
+    largest = 0.0
+    for study in studies:
+        motion, run = proved_motion(study.scene), study.run(study.engine)
+        if motion is None or run is None or motion.until != study.scene.duration:
+            return math.nan
+        largest = max(largest, motion.difference("velocity", run))
+    return largest if studies else math.nan
+
+
 def proved_sentence(study: SceneStudy) -> str:
     """Return by how much LAMMPS differs from the proved velocities of a scene; empty where there are none."""
     motion, run = proved_motion(study.scene), study.run(study.engine)

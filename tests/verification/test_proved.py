@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import math
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -22,7 +23,7 @@ from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification import proved
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.page import verification_files
-from dem_bridge.verification.proved import COLUMNS, proved_motion, proved_sentence, proved_table
+from dem_bridge.verification.proved import COLUMNS, largest_proved_error, proved_motion, proved_sentence, proved_table
 from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import assign_roles
 from dem_bridge.verification.verification import verification_of
@@ -109,6 +110,9 @@ def test_a_table_and_a_sentence_say_what_is_proved_and_the_report_has_the_certif
     assert [row[1] for row in table.rows] == ["velocity", "displacement", "peak force", "crossing time"]
     sentence = proved_sentence(of_pair)
     assert sentence.startswith("LAMMPS minus the proved trajectory: at most 3.7e-03 of the largest velocity (proved up")
+    # 3e-3 m/s of 0.803 m/s
+    assert largest_proved_error([of_pair]) == pytest.approx(3.7e-3, rel=2e-2)
+    assert math.isnan(largest_proved_error([]))
     files = verification_files(verification_of([of_pair], accuracy=5e-6, wall=1.0))
     assert files["proofs/pair.json"] == file.read_bytes()
     page = str(files["index.html"])
@@ -122,6 +126,7 @@ def test_a_proof_that_ends_early_has_its_samples_and_no_peak_force(tmp_path: Pat
     motion = proved_motion(PAIR)
     assert motion is not None
     assert list(motion.values) == ["velocity", "displacement", "crossing_time"]
+    assert math.isnan(largest_proved_error([study(run)]))
     # what differs later does not count
     later = np.array(run.velocity)
     later[13:] += 0.1

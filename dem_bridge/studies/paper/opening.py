@@ -23,6 +23,7 @@ from dem_bridge.studies.paper.measures import deviation, profiled
 from dem_bridge.studies.paper.runs import ACCELERATING, DECELERATING, MAIN, OTHER_ACCURACY, Runs
 from dem_bridge.studies.paper.summary import counted, failures
 from dem_bridge.verification.assess import SceneStudy
+from dem_bridge.verification.proved import largest_proved_error
 
 TEXTS = Texts("overview", "dem_bridge.studies")
 #: parts of the abstract in their order
@@ -118,8 +119,12 @@ def _within(key: str, **values: Any) -> str:
 
 
 def _errors(studies: Sequence[SceneStudy]) -> str:
-    budgets = [study.budgets[0] for study in studies if study.scene.name in MAIN and study.budgets]
-    return _within("errors", error=max(budget.found for budget in budgets)) if budgets else ""
+    main = [study for study in studies if study.scene.name in MAIN and study.budgets]
+    if not main:
+        return ""
+    proved = largest_proved_error(main)
+    errors = _within("errors", error=max(study.budgets[0].found for study in main))
+    return errors + ("" if math.isnan(proved) else _within("proved", error=proved))
 
 
 def _ratios(by_id: Mapping[str, Claim]) -> tuple[float, float] | None:
