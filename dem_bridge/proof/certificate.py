@@ -249,8 +249,14 @@ def _rounded(row: tuple[Ball, ...], least: int) -> list[str]:
 
 
 def _sample(ball: Ball, least: int) -> str:
+    """Return a ball as a decimal whose radius is one unit of its last digit, at least ``10^least``.
+
+    One that was such a decimal in the file that is continued stays as it is.
+    """
     middle, radius = ball
-    place = max(least, _place(2 * WIDER * radius)) if radius else least
+    place = _place(radius) if radius else least
+    if radius and (radius != Fraction(10) ** place or middle % radius):
+        place = max(least, _place(2 * WIDER * radius))
     return f"{round(middle / Fraction(10) ** place)}e{place}"
 
 

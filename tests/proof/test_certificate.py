@@ -42,6 +42,13 @@ def test_a_proof_that_was_interrupted_goes_on(tmp_path: Path) -> None:
     assert again.certificate["checkpoints"] == whole.certificate["checkpoints"]
     assert again.certificate["touches"] == whole.certificate["touches"]
     assert again.crossing_time.tolist() == whole.crossing_time.tolist()
+    for name in ("displacement", "velocity"):  # the samples before the interruption keep their digits
+        unit = Fraction(10) ** whole.certificate["samples"]["power"][name]
+        rows = (read_samples(proof.certificate["samples"], name) for proof in (again, whole))
+        for row, of_whole in zip(*rows, strict=True):
+            for (middle, radius), (other, _) in zip(row, of_whole, strict=True):
+                assert radius <= unit
+                assert abs(middle - other) <= 2 * unit
     np.testing.assert_allclose(again.peak_force, whole.peak_force, rtol=1e-15)
     assert json.loads(file.read_text())["digest"] == digest_of(again.certificate)
 
