@@ -128,6 +128,25 @@ def reached(v: Floats, a: Floats, count: int, speed: float) -> int:
     return min(len(v), max(count, last + _BODIES_AHEAD_OF_FRONT))
 
 
+@kernel(nogil=False)
+def largest_error(ka: Floats, errors: Floats, h: float, count: int, third: Floats, fifth: Floats) -> float:
+    """Return the error of the velocities of a step of DOP853; ``third`` and ``fifth`` have room for its two estimates.
+
+    Hairer, E., Norsett, S. P. & Wanner, G. 1993, *Solving Ordinary Differential Equations I*, section II.10.
+    """
+    third[:count], fifth[:count] = 0.0, 0.0
+    for j in range(errors.shape[1]):
+        for i in range(count):
+            third[i] += errors[0, j] * ka[j, i]
+            fifth[i] += errors[1, j] * ka[j, i]
+    largest = 0.0
+    for i in range(count):
+        total = fifth[i] * fifth[i] + 0.01 * third[i] * third[i]
+        if total > 0.0:
+            largest = max(largest, h * fifth[i] * fifth[i] / np.sqrt(total))
+    return largest
+
+
 @kernel()
 def adaptive(
     system: System, times: Floats, speed: float, tolerance: float, method: Floats, weights: Floats, errors: Floats
@@ -180,17 +199,7 @@ def adaptive(
                         new_x[i] += weight * kv[j, i]
                         new_v[i] += weight * ka[j, i]
             accelerations(t + h, new_x, new_v, count, system, f, ka[stages])
-            third[:count], fifth[:count] = 0.0, 0.0
-            for j in range(stages + 1):
-                for i in range(count):
-                    third[i] += errors[0, j] * ka[j, i]
-                    fifth[i] += errors[1, j] * ka[j, i]
-            largest = 0.0
-            for i in range(count):
-                total = fifth[i] * fifth[i] + 0.01 * third[i] * third[i]
-                if total > 0.0:
-                    largest = max(largest, h * fifth[i] * fifth[i] / np.sqrt(total))
-            ratio = largest / (tolerance * speed)
+            ratio = largest_error(ka, errors, h, count, third, fifth) / (tolerance * speed)
             if not ratio < np.inf:
                 # the motion of such numbers is none
                 out_v[row:] = np.nan

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dem_bridge.foundation.compiled import Floats, Ints, kernel
-from dem_bridge.judging.kernels import DRIFT_FIRST, MOST_ADAPTIVE_STEPS, RK4, VERLET, System, reached
+from dem_bridge.judging.kernels import DRIFT_FIRST, MOST_ADAPTIVE_STEPS, RK4, VERLET, System, largest_error, reached
 
 #: fixed-step methods that are here
 METHODS = (VERLET, DRIFT_FIRST, RK4)
@@ -207,17 +207,7 @@ def adaptive(
                     new_x[i], kv[stage, i] = x[i], v[i]
                 add_stages(new_x, kv[stage], kv, ka, h, every[stage], used[stage, : number[stage]], count)
                 accelerate(new_x, kv[stage], count, line, f, ka[stage])
-            third[:count], fifth[:count] = 0.0, 0.0
-            for j in range(stages + 1):
-                for i in range(count):
-                    third[i] += errors[0, j] * ka[j, i]
-                    fifth[i] += errors[1, j] * ka[j, i]
-            largest = 0.0
-            for i in range(count):
-                total = fifth[i] * fifth[i] + 0.01 * third[i] * third[i]
-                if total > 0.0:
-                    largest = max(largest, h * fifth[i] * fifth[i] / np.sqrt(total))
-            ratio = largest / (tolerance * speed)
+            ratio = largest_error(ka, errors, h, count, third, fifth) / (tolerance * speed)
             if not ratio < np.inf:
                 # the motion of such numbers is none
                 out_v[row:] = np.nan
