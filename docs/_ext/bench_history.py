@@ -107,6 +107,8 @@ def page_part(runs: Sequence[Run]) -> str:
         f"The last run is that of {last['time'][:10]} at commit {last['commit']} on {where}:"
         f" {len(last['benchmarks'])} benchmarks in {wall:.0f} s ({cpu:.0f} s of CPU)."
     )
+    if ends := [name for name, part in last["benchmarks"].items() if part["targets"] in ("stopped", "failed")]:
+        sentence += f" Not measured to their end: {', '.join(ends)}."
     return f"{picture(runs)}<p>{html.escape(sentence)}</p>{''.join(table(runs))}"
 
 

@@ -1,7 +1,7 @@
 """Measure what each backend costs on decelerating-40 (3 ms, dt = 1e-8 s, 500 samples), against the bare engine.
 
-``make bench`` runs this. Times are medians of warm rounds with their interquartile range. Force evaluations are listed,
-too, because seconds depend on the machine.
+``make bench`` runs this. Times are medians of warm rounds with their interquartile range; long work has fewer rounds.
+Force evaluations are listed, too, because seconds depend on the machine.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from rich.table import Table
 import dem_bridge as db
 from dem_bridge.lmp.process import run_deck
 from dem_bridge.scene.scene import Scene
+from dem_bridge.trajectory.trajectory import Trajectory
 from tests.bench.timing import spread, wall_seconds
 
 
@@ -34,6 +35,7 @@ class Extent:
     dt: float
     """Of the fixed-step backends, s."""
     rounds: int
+    """At most."""
     fronts: tuple[int, ...]
     """Lengths, in cylinders, of chains through which the reference follows a front."""
 
@@ -49,7 +51,7 @@ class Row:
 
 
 def full_extent() -> Extent:
-    return Extent(db.load_scene("decelerating-40"), dt=1e-8, rounds=5, fronts=(1_000, 10_000, 100_000))
+    return Extent(db.load_scene("decelerating-40"), dt=1e-8, rounds=25, fronts=(1_000, 10_000, 100_000))
 
 
 def tiny_extent() -> Extent:
@@ -69,6 +71,13 @@ def bare_engine(extent: Extent) -> Iterator[Row]:
         yield Row(extent.scene.name, "bare LAMMPS in a child", wall_seconds(work, extent.rounds, "bare LAMMPS"))
 
 
+def timed_run(work: Callable[[], Trajectory], rounds: int, name: str) -> tuple[Trajectory, list[float]]:
+    """Return the last run, and the wall time of each round, s."""
+    runs: list[Trajectory] = []
+    seconds = wall_seconds(lambda: runs.append(work()), rounds, name)
+    return runs[-1], seconds
+
+
 def solves(extent: Extent) -> Iterator[Row]:
     """Measure runs of fixed step with and without uncertainty, and adaptive ones without."""
     settings: list[tuple[str, dict[str, Any]]] = [
@@ -79,10 +88,10 @@ def solves(extent: Extent) -> Iterator[Row]:
     settings += [(name, {"uncertainty": False}) for name in ("reference", "scipy", "ode45")]
     for name, chosen in settings:
         work = partial(db.solve, extent.scene, backend=name, **chosen)
-        forces = work().cost.force_evaluations
         how = "with" if chosen["uncertainty"] else "without"
         label = f"{name}, {how} uncertainty"
-        yield Row(extent.scene.name, label, wall_seconds(work, extent.rounds, label), f"{forces:,} forces")
+        run, seconds = timed_run(work, extent.rounds, label)
+        yield Row(extent.scene.name, label, seconds, f"{run.cost.force_evaluations:,} forces")
 
 
 def decelerating(cylinders: int) -> Scene:
@@ -105,9 +114,9 @@ def fronts(extent: Extent) -> Iterator[Row]:
     """Measure the reference that follows a front through a long chain."""
     for cylinders in extent.fronts:
         work = partial(db.solve, decelerating(cylinders), backend="reference", uncertainty=False)
-        reached = int(np.sum(np.isfinite(work().crossing_time)))
-        rounds = 1 if cylinders > 10_000 else extent.rounds
-        seconds = wall_seconds(work, rounds, f"reference, a front through {cylinders:,}")
+        rounds = 1 if cylinders > 10_000 else extent.rounds  # warm by the shorter ones
+        run, seconds = timed_run(work, rounds, f"reference, a front through {cylinders:,}")
+        reached = int(np.sum(np.isfinite(run.crossing_time)))
         remark = f"{1e3 * statistics.median(seconds) / reached:.4f} ms for a cylinder"
         yield Row("reference on a front", f"{cylinders:,} cylinders", seconds, remark)
 
@@ -116,7 +125,7 @@ def command_line(extent: Extent) -> Iterator[Row]:
     """Measure ``dem-bridge --help``."""
     words = [sys.executable, "-m", "dem_bridge.cli", "--help"]
     work = partial(subprocess.run, words, check=True, capture_output=True)
-    yield Row("command line", "dem-bridge --help", wall_seconds(work, 2 * extent.rounds, "dem-bridge --help"))
+    yield Row("command line", "dem-bridge --help", wall_seconds(work, extent.rounds, "dem-bridge --help"))
 
 
 PARTS: tuple[Callable[[Extent], Iterator[Row]], ...] = (bare_engine, solves, fronts, command_line)

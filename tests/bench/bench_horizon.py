@@ -1,6 +1,7 @@
-"""Follow twenty bodies between two walls over 1e8 steps of the twin: drift of energy, and the horizon of velocities.
+"""Follow twenty bodies between two walls over many steps of the twin: drift of energy, and the horizon of velocities.
 
-``make bench`` runs this (about a minute); tests/studies/horizon has the same over fewer steps.
+``make bench`` runs 2e7 steps, ``python -m tests.bench.bench_horizon 1e8`` those of :doc:`docs/costs.md`;
+tests/studies/horizon has the same over fewer.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from rich.table import Table
 import dem_bridge as db
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.scene.scene import Scene, Wall
+from tests.bench.timing import cpu_seconds, record
 
-STEPS, TINY_STEPS = 100_000_000, 20_000
+STEPS, TINY_STEPS = 20_000_000, 20_000
 
 
 def between_walls(count: int = 20, *, duration: float = 0.02, gap: float = 0.0) -> Scene:
@@ -34,10 +36,10 @@ def between_walls(count: int = 20, *, duration: float = 0.02, gap: float = 0.0) 
     )
 
 
-def main(*, tiny: bool = False) -> int:
+def main(*, tiny: bool = False, steps: int = STEPS) -> int:
     """Print the answer; 1 where energy drifts, or where single velocities are judged beyond their horizon."""
-    steps = TINY_STEPS if tiny else STEPS
-    began = time.perf_counter()
+    steps = TINY_STEPS if tiny else steps
+    began, cpu = time.perf_counter(), cpu_seconds()
     with Progress(transient=True) as shown:
         task = shown.add_task("between walls", total=1.0)
         study = db.study(
@@ -47,6 +49,7 @@ def main(*, tiny: bool = False) -> int:
             store=False,
             progress=lambda done, total, label: shown.update(task, completed=done / total, description=label),
         )
+    record("study horizon between walls", [cpu_seconds() - cpu])
     console = Console(width=150)
     for sentence in study.answer:
         console.print(f"* {sentence}", markup=False)
@@ -62,4 +65,4 @@ def main(*, tiny: bool = False) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(steps=int(float(sys.argv[1])) if len(sys.argv) > 1 else STEPS))

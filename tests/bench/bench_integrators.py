@@ -1,9 +1,9 @@
 """Compare in-house fixed-step methods with velocity-Verlet written by hand in C (verlet.c): time for an accuracy.
 
-``make bench`` runs this (two minutes; a C compiler). Codes take turns, so that a busy machine is busy for all of them,
-and figures are CPU time: the least and the median of many. The C code is compiled as one would (-O3 -march=native), and
-once more with -fno-math-errno, without which gcc makes no vector of a square root; "one kick" is its other form, with
-both half kicks between two drifts in one.
+``make bench`` runs this (half a minute; a C compiler). Codes take turns, so that a busy machine is busy for all of
+them, and figures are CPU time: the least and the median of many. The C code is compiled as one would (-O3
+-march=native), and once more with -fno-math-errno, without which gcc makes no vector of a square root; "one kick" is
+its other form, with both half kicks between two drifts in one.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Extent:
 
 def full_extent() -> Extent:
     scenes = tuple(replace(db.load_scene(name), samples=500) for name in ("decelerating-40", "accelerating-40"))
-    return Extent(rounds=15, bodies=(40, 200, 2000), work=2e7, accuracies=(1e-4, 1e-6, 1e-8), scenes=scenes)
+    return Extent(rounds=9, bodies=(40, 200, 2000), work=1e7, accuracies=(1e-4, 1e-6, 1e-8), scenes=scenes)
 
 
 def tiny_extent() -> Extent:

@@ -1,7 +1,8 @@
 """Measure how time and memory grow with bodies, samples, steps, chains and workers, and run near a limit of memory.
 
-``make bench`` runs this (some five minutes on a quiet machine); docs/scale.md has the numbers of one machine. Each
-measurement is a process of its own, so that its peak of memory is its own.
+``python -m tests.bench.bench_scale full`` measures the sizes of docs/scale.md (some five minutes on a quiet machine),
+``make bench`` fewer chains and shorter ones by the same formulas. Each measurement is a process of its own, so that its
+peak of memory is its own.
 """
 
 from __future__ import annotations
@@ -149,13 +150,13 @@ def _of_chains(counts: Sequence[int], accuracy: float) -> None:
         )
 
 
-def main(*, tiny: bool = False) -> int:
-    """Print all measurements; ``tiny`` takes small sizes."""
+def main(*, tiny: bool = False, full: bool = False) -> int:
+    """Print all measurements; ``tiny`` takes small sizes, ``full`` those of docs/scale.md."""
     _of_bodies((1000, 2000) if tiny else (50_000, 100_000, 400_000))
-    _of_methods((4, 8) if tiny else (40, 160, 320, 640))
-    _of_chains((16, 32) if tiny else (10_000, 100_000), 0.05 if tiny else 0.01)
+    _of_methods((4, 8) if tiny else (40, 160, 320, 640) if full else (40, 160, 320))
+    _of_chains((16, 32) if tiny else (10_000, 100_000) if full else (2_000, 20_000), 0.05 if tiny else 0.01)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(full="full" in sys.argv[1:]))

@@ -20,8 +20,8 @@ from tests.bench.timing import cpu_seconds, record
 CHAIN = "decelerating-40"
 #: the command of each study, the quickest first; "measurement" needs a file of measured values
 STUDIES: dict[str, tuple[str, ...]] = {
-    "bands": ("driven-dimer",), "engine": (), "precision": (), "rule-of-thumb": (), "order": (), "styles": (CHAIN,),
-    "scatter": (CHAIN,), "model-hierarchy": (CHAIN,), "sensitivity": (CHAIN,), "restitution": (), "horizon": (CHAIN,),
+    "horizon": (CHAIN,), "bands": ("driven-dimer",), "precision": (), "engine": (), "rule-of-thumb": (), "order": (),
+    "styles": (CHAIN,), "scatter": (CHAIN,), "model-hierarchy": (CHAIN,), "sensitivity": (CHAIN,), "restitution": (),
     "extremes": (), "stability": (), "energy": (), "work-precision": (CHAIN,),
 }  # fmt: skip
 #: how many of them `make bench` measures

@@ -4,21 +4,25 @@
 for each piece of work the median CPU time of its rounds, their interquartile range and their number. The file is in the
 tree, so that a run belongs to a commit, travels with every clone and is there when the documentation is built
 (:doc:`docs/performance.md`). CPU time is kept, because wall time is also that of other programs on the machine.
+The line is written anew whenever a benchmark ends, so that an interrupted run keeps the benchmarks before. A benchmark
+that takes longer than its budget is stopped, and the run keeps the work that it has measured by then.
 
 Runs are compared within one machine only: the same processor, number of cores and version of Python.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import platform
+import signal
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,11 +31,12 @@ from tests.bench.timing import RECORD, cpu_seconds, spread
 
 ROOT = Path(__file__).parents[2]
 KEPT = ROOT / "docs" / "bench.jsonl"
-#: in the order in which they run: those that record medians first, so that a run that is interrupted has told most
-BENCHMARKS = (
-    "bench_backends", "bench_ensembles", "bench_lammps", "bench_paper", "bench_bars", "bench_integrators",
-    "bench_horizon", "bench_plan", "bench_scale", "bench_campaign", "bench_studies",
-)  # fmt: skip
+#: wall time that each benchmark may take, s, in the order in which they run: those that record medians are first
+BUDGETS = {
+    "bench_backends": 90, "bench_ensembles": 60, "bench_lammps": 150, "bench_paper": 150, "bench_studies": 75,
+    "bench_bars": 60, "bench_integrators": 60, "bench_horizon": 45, "bench_plan": 75, "bench_scale": 75,
+    "bench_campaign": 60,
+}  # fmt: skip
 #: standard deviations by which a median must exceed the last one to be slower
 DEVIATIONS = 3.0
 #: and part of it: what the order of code in memory changes from one build to the next
@@ -101,48 +106,69 @@ def read(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in lines]
 
 
-def measure(names: Sequence[str]) -> dict[str, Any]:
-    """Run the benchmarks, each in a process of its own, and return the run.
+def keep(path: Path, runs: Sequence[Mapping[str, Any]]) -> None:
+    """Write the runs, oldest first; a process that is killed meanwhile leaves the file as it was."""
+    new = path.with_suffix(".new")
+    new.write_text("".join(json.dumps(run) + "\n" for run in runs), encoding="utf-8")
+    new.replace(path)
 
-    Raises
-    ------
-    SystemExit
-        If a benchmark ends with an error; 1 is no error but says that a target is missed.
+
+def call(name: str, record: Path, budget: float) -> str:
+    """Run one benchmark in a process group of its own, which ends with it, and return its outcome.
+
+    "met" or "missed" says whether the targets of the benchmark are; "stopped": it has used up its budget of wall time
+    (s); "failed": it ended with an error.
     """
+    words = [sys.executable, "-m", f"tests.bench.{name}"]
+    with subprocess.Popen(words, cwd=ROOT, env=os.environ | {RECORD: str(record)}, start_new_session=True) as process:
+        try:
+            return {0: "met", 1: "missed"}.get(process.wait(budget), "failed")
+        except subprocess.TimeoutExpired:
+            return "stopped"
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def measure(names: Sequence[str]) -> Generator[dict[str, Any]]:
+    """Run the benchmarks one after the other, and yield the run as it is after each of them."""
     run: dict[str, Any] = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "commit": commit()}
     run |= {"machine": machine(), "benchmarks": {}}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "record.jsonl"
         file.touch()
         for name in names:
-            print(f"-- {name}", flush=True)
+            print(f"-- {name}, at most {BUDGETS[name]} s", flush=True)
             began, cpu = time.perf_counter(), cpu_seconds()
-            words = [sys.executable, "-m", f"tests.bench.{name}"]
-            done = subprocess.run(words, cwd=ROOT, env=os.environ | {RECORD: str(file)})
-            if done.returncode not in (0, 1):
-                raise SystemExit(f"{name} ended with code {done.returncode}; nothing of this run is kept")
-            run["benchmarks"][name] = {
-                "wall": round(time.perf_counter() - began, 1), "cpu": round(cpu_seconds() - cpu, 1),
-                "targets": "met" if done.returncode == 0 else "missed",
-            }  # fmt: skip
-        run["work"] = summarize(file.read_text(encoding="utf-8").splitlines())
-    return run
+            outcome = call(name, file, BUDGETS[name])
+            spent = {"wall": round(time.perf_counter() - began, 1), "cpu": round(cpu_seconds() - cpu, 1)}
+            print(f"-- {name}: {outcome}, {spent['wall']:.0f} s, {spent['cpu']:.0f} s of CPU", flush=True)
+            run["benchmarks"][name] = spent | {"targets": outcome}
+            run["work"] = summarize(file.read_text(encoding="utf-8").splitlines())
+            yield run
 
 
 def main(names: Sequence[str] = (), kept: Path = KEPT) -> int:
-    """Run the named benchmarks (bench_paper ...), all without names, and keep and compare their medians."""
-    if unknown := [name for name in names if name not in BENCHMARKS]:
-        raise SystemExit(f"no benchmark is called {unknown[0]}; allowed: {', '.join(BENCHMARKS)}")
-    runs, run = read(kept), measure(names or BENCHMARKS)
+    """Run the named benchmarks (bench_paper ...), all without names, and keep and compare their medians.
+
+    Returns 1 if a benchmark was stopped or failed.
+    """
+    if unknown := [name for name in names if name not in BUDGETS]:
+        raise SystemExit(f"no benchmark is called {unknown[0]}; allowed: {', '.join(BUDGETS)}")
+    runs, run = read(kept), {}
+    for run in measure(names or list(BUDGETS)):
+        keep(kept, [*runs, run])
     lines = list(slower(runs, run))
     compared = sum(last_of(runs, run["machine"], name) is not None for name in run["work"])
-    with kept.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(run) + "\n")
     wall, cpu = (sum(part[key] for part in run["benchmarks"].values()) for key in ("wall", "cpu"))
     print(f"-- {len(run['benchmarks'])} benchmarks: {wall:.0f} s, {cpu:.0f} s of CPU; kept as a line of {kept.name}")
     print("\n".join(lines) or f"nothing is slower than before, of {compared} compared with a run on this machine")
-    return 0
+    incomplete = [name for name, part in run["benchmarks"].items() if part["targets"] in ("stopped", "failed")]
+    if incomplete:
+        print(f"not measured to the end: {', '.join(incomplete)}")
+    return int(bool(incomplete))
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops the benchmark, too
     sys.exit(main(sys.argv[1:]))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.history import BENCHMARKS
+from tests.bench.history import BUDGETS
 
 FOLDER = Path(__file__).parent
 NAMES = sorted(file.stem for file in FOLDER.glob("bench_*.py"))
@@ -35,7 +35,7 @@ EXACT = "bench_horizon"
 def test_make_bench_runs_every_benchmark() -> None:
     makefile = (FOLDER.parents[1] / "Makefile").read_text(encoding="utf-8")
     assert re.findall(r"-m tests\.bench\.(\w+)", makefile) == ["history"]
-    assert sorted(BENCHMARKS) == NAMES == sorted(LAST_LINES)
+    assert sorted(BUDGETS) == NAMES == sorted(LAST_LINES)
 
 
 #: the benchmarks that take 2 to 10 s of CPU on their tiny case; `make test-all` starts these too

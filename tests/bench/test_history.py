@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import pytest
 
 from tests.bench import history
-from tests.bench.history import BENCHMARKS, LEAST, main, noise, slower, summarize
+from tests.bench.history import BUDGETS, LEAST, main, noise, slower, summarize
 from tests.bench.timing import RECORD, record, wall_seconds
 
 ROOT = Path(__file__).parents[2]
@@ -88,23 +88,34 @@ def test_runs_are_compared_with_the_last_on_the_same_machine() -> None:
     assert not list(slower([_run(1.0), _run(2.0)], _run(2.0)))
 
 
+@pytest.fixture
+def programs(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """Run a Python program, given by the name of the benchmark, in place of each benchmark."""
+    texts: dict[str, str] = {}
+    start = subprocess.Popen
+
+    def popen(words: list[str], **more: Any) -> Any:
+        name = words[-1].rpartition(".")[2]
+        return start([sys.executable, "-c", texts[name]] if name in texts else words, **more)
+
+    monkeypatch.setattr(subprocess, "Popen", popen)
+    return texts
+
+
+def _recording(name: str, seconds: float, then: str = "") -> str:
+    """Return a program that records a piece of work as a benchmark does."""
+    line = json.dumps({"name": name, "seconds": [seconds]})
+    return f"import os, time\nopen(os.environ[{RECORD!r}], 'a').write({line!r} + '\\n')\n{then}"
+
+
 def test_a_run_is_kept_as_a_line_and_compared(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, programs: dict[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     kept, names = tmp_path / "bench.jsonl", ["bench_paper"]
-    seconds = iter([1.0, 2.0])
-    code = "import os, json; open(os.environ['{}'], 'a').write(json.dumps({}) + '\\n')"
-    start = subprocess.run
-
-    def run(words: list[str], **more: Any) -> Any:
-        if "-m" not in words:
-            return start(words, **more)
-        line = {"name": "verify paper", "seconds": [next(seconds)]}
-        return start([sys.executable, "-c", code.format(RECORD, line)], **more)
-
-    monkeypatch.setattr(subprocess, "run", run)
+    programs["bench_paper"] = _recording("verify paper", 1.0)
     assert main(names, kept) == 0
     assert "nothing is slower than before, of 0 compared" in capsys.readouterr().out
+    programs["bench_paper"] = _recording("verify paper", 2.0)
     assert main(names, kept) == 0
     assert "slower: verify paper takes 2 s of CPU, 1 s at" in capsys.readouterr().out
     first, second = (json.loads(line) for line in kept.read_text().splitlines())
@@ -116,22 +127,59 @@ def test_a_run_is_kept_as_a_line_and_compared(
         main(["paper"], kept)
 
 
-def test_a_benchmark_that_fails_keeps_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    start = subprocess.run
+def test_a_run_is_not_compared_with_one_of_another_machine(
+    tmp_path: Path, programs: dict[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = tmp_path / "bench.jsonl"
+    history.keep(kept, [_run(1.0, machine=OTHER)])
+    programs["bench_paper"] = _recording("paper", 2.0)
+    assert main(["bench_paper"], kept) == 0
+    assert "nothing is slower than before, of 0 compared" in capsys.readouterr().out
+    assert [run["machine"] == OTHER for run in history.read(kept)] == [True, False]
 
-    def run(words: list[str], **more: Any) -> Any:
-        return start([sys.executable, "-c", "raise SystemExit(2)"] if "-m" in words else words, **more)
 
-    monkeypatch.setattr(subprocess, "run", run)
-    with pytest.raises(SystemExit, match="bench_paper ended with code 2; nothing of this run is kept"):
-        main(["bench_paper"], tmp_path / "bench.jsonl")
-    assert not (tmp_path / "bench.jsonl").exists()
+def test_an_interrupted_run_keeps_the_benchmarks_that_have_ended(
+    tmp_path: Path, programs: dict[str, str], page: ModuleType
+) -> None:
+    kept = tmp_path / "bench.jsonl"
+    history.keep(kept, [_run(1.0)])
+    programs |= {"bench_paper": _recording("verify paper", 1.0), "bench_bars": _recording("bars", 1.0)}
+    run = history.measure(["bench_paper", "bench_bars"])
+    history.keep(kept, [*history.read(kept), next(run)])
+    run.close()
+    earlier, interrupted = history.read(kept)
+    assert earlier == _run(1.0)
+    assert list(interrupted["benchmarks"]) == ["bench_paper"]
+    assert list(interrupted["work"]) == ["verify paper"]
+    assert "1 benchmarks in" in page.page_part([earlier, interrupted])
+
+
+@pytest.mark.parametrize(
+    ("then", "outcome"),
+    [("raise SystemExit(2)", "failed"), ("time.sleep(60)", "stopped"), ("raise SystemExit(1)", "missed")],
+)
+def test_a_benchmark_that_does_not_end_keeps_its_work(
+    then: str, outcome: str, tmp_path: Path, programs: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if outcome == "stopped":
+        monkeypatch.setitem(history.BUDGETS, "bench_paper", 0.3)
+    programs |= {"bench_paper": _recording("verify paper", 1.0, then), "bench_bars": _recording("bars", 1.0)}
+    assert main(["bench_paper", "bench_bars"], tmp_path / "bench.jsonl") == (outcome != "missed")
+    (run,) = history.read(tmp_path / "bench.jsonl")
+    assert {name: part["targets"] for name, part in run["benchmarks"].items()} == {
+        "bench_paper": outcome, "bench_bars": "met"
+    }  # fmt: skip
+    assert list(run["work"]) == ["verify paper", "bars"]
+
+
+def test_the_budgets_of_all_benchmarks_are_a_quarter_of_an_hour() -> None:
+    assert sum(history.BUDGETS.values()) <= 900.0
 
 
 def test_every_kept_run_is_whole() -> None:
     for run in history.read(history.KEPT):
         assert set(run) == {"time", "commit", "machine", "benchmarks", "work"}
-        assert set(run["benchmarks"]) <= set(BENCHMARKS)
+        assert set(run["benchmarks"]) <= set(BUDGETS)
         for part in run["work"].values():
             assert part["median"] > 0.0
             assert part["range"] >= 0.0
@@ -159,4 +207,12 @@ def test_the_table_compares_within_one_machine(page: ModuleType) -> None:
     assert "<td>paper</td><td>2</td><td>0.25</td><td>5</td><td>1</td>" in text
     assert "<td>none</td>" in page.page_part([_run(1.0), _run(2.0, machine=OTHER)])
     assert page.page_part([]) == "<p>No run of the benchmarks is kept yet.</p>"
-    assert "1 benchmarks in 2 s (2 s of CPU)" in page.page_part([_run(1.0)]).replace("1.5", "2")
+    assert "1 benchmarks in 2 s (2 s of CPU).</p>" in page.page_part([_run(1.0)]).replace("1.5", "2")
+    stopped = _run(1.0, benchmarks={"b": {"wall": 2.0, "cpu": 2.0, "targets": "stopped"}})
+    assert "1 benchmarks in 2 s (2 s of CPU). Not measured to their end: b.</p>" in page.page_part([stopped])
+
+
+def test_one_run_makes_a_picture(page: ModuleType) -> None:
+    drawing = ElementTree.fromstring(page.picture([_run(1.0)]))
+    assert len(list(drawing.iter("circle"))) == 1
+    assert not [path for path in drawing.iter("path") if path.attrib.get("class") == "machine"]

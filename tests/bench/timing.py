@@ -13,6 +13,8 @@ from typing import Any
 
 #: the variable that names the file to which :func:`record` adds lines; not set: nothing is kept
 RECORD = "DEM_BRIDGE_BENCH_RECORD"
+#: CPU time after which no further round of one piece of work begins, s
+LIMIT = 3.0
 
 
 def cpu_seconds() -> float:
@@ -31,12 +33,14 @@ def record(name: str, seconds: list[float]) -> None:
 def wall_seconds(work: Callable[[], Any], rounds: int, name: str = "") -> list[float]:
     """Return the wall time of each round, s; where there is more than one, after a round that warms up.
 
-    With a ``name`` the CPU time of each round is recorded under it.
+    No further round begins after :data:`LIMIT`, so that long work is measured less often than short work. With a
+    ``name`` the CPU time of each round is recorded under it.
     """
     if rounds > 1:
         work()
-    seconds, of_cpu = [], []
-    for _ in range(rounds):
+    seconds: list[float] = []
+    of_cpu: list[float] = []
+    while not seconds or (len(seconds) < rounds and sum(of_cpu) < LIMIT):
         began, cpu = time.perf_counter(), cpu_seconds()
         work()
         seconds.append(time.perf_counter() - began)
