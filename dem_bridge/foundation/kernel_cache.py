@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import io
 import os
 import pickle
 import re
@@ -24,11 +25,13 @@ from typing import Any, cast
 import llvmlite
 import numba
 import numpy as np
+from numba.core import environment as environments
 from numba.core import types
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
+from numba.core.environment import Environment
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
-from numba.np import linalg
 
 from dem_bridge.errors import OF_DAMAGED_DATA
 from dem_bridge.foundation.kernel_content import Unidentified, closure_digest
@@ -51,20 +54,23 @@ _NOT_CODE = re.compile(
     r"|THREADING|TRACE)"
 )
 
+#: part of the name of the numbers by which machine code hashes texts
+_HASH_SECRET = b"_numba_hashsecret"
 #: numba's own, which have no types
 _rebuild, _dumps = cast(Any, CompileResult)._rebuild, cast(Any, dumps)
+_rebuild_environment = cast(Any, environments)._rebuild_env
 
 
-def _defer_blas() -> None:
+@cache
+def _prepare_compiler() -> None:
     """Have numba look for the routines of scipy.linalg when a function needs them, and not at once, for 0.2 s."""
+    from numba.np import linalg
+
     ensure, linalg.ensure_blas = linalg.ensure_blas, lambda: None
     try:
         importlib.import_module("numba.np.arraymath")  # where numba asks whether they are there
     finally:
         linalg.ensure_blas = ensure
-
-
-_defer_blas()
 
 
 def compile_function(function: Callable[..., Any], *, nogil: bool) -> Any:
@@ -73,6 +79,25 @@ def compile_function(function: Callable[..., Any], *, nogil: bool) -> Any:
     if hasattr(dispatcher, "targetctx"):  # else the compiler is switched off
         dispatcher._cache = KernelCache(dispatcher)
     return dispatcher
+
+
+class _Unpickler(pickle.Unpickler):
+    """Load a compiled form without the modules of numba that its compiler has functions from."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        return _environment if name == _rebuild_environment.__name__ else super().find_class(module, name)
+
+
+def _environment(module: str, constants: list[Any], name: str) -> Any:
+    """Return what a compiled function reads from its module: nothing of a module of numba, which is not imported."""
+    if constants or not module.startswith("numba."):
+        return _rebuild_environment(module, constants, name)
+    found = Environment._memo.get(name)
+    if found is None:
+        found = Environment({"__name__": module})
+        found.env_name = name
+        Environment._memo[name] = found
+    return found
 
 
 class KernelCache(NullCache):
@@ -88,12 +113,19 @@ class KernelCache(NullCache):
         return None if folder is None else str(folder)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled form for a signature; None if it is not there."""
-        target_context.refresh()
+        """Return the compiled form for a signature; None if it is not there.
+
+        A compiled form needs numba's memory management, and not the rules of its compiler, which take 0.1 s to import:
+        the compiler asks for them itself.
+        """
+        rtsys.initialize(target_context)
         name = self._name(sig, target_context.codegen())
         for path in [] if name is None else [folder / name for folder in folders_to_read()]:
             try:
-                result = _rebuild(target_context, *pickle.loads(kept_content(path)))
+                content = kept_content(path)
+                if _HASH_SECRET in content:
+                    importlib.import_module("numba.cpython.hashing")  # which defines it
+                result = _rebuild(target_context, *_Unpickler(io.BytesIO(content)).load())
             except FileNotFoundError:
                 continue
             except OSError as error:
@@ -104,6 +136,7 @@ class KernelCache(NullCache):
                 with suppress(OSError):  # in a folder that may only be read, files have no last use
                     os.utime(path)
                 return result
+        _prepare_compiler()
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

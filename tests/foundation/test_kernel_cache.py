@@ -440,3 +440,37 @@ def test_no_member_of_the_closure_is_stale(tmp_path: Path) -> None:
     copy = tmp_path.with_name("copy")
     shutil.copytree(tmp_path, copy)
     assert _top(copy) == (20.5, 0)
+
+
+#: a kernel with an array and one that hashes a text, which needs numbers of numba beside its memory management
+_LOADED = """
+import sys
+import numpy as np
+from dem_bridge.foundation.compiled import kernel
+
+
+@kernel()
+def halves(count):
+    return np.full(count, 0.5).sum()
+
+
+@kernel()
+def hashed(text):
+    return hash(text)
+
+
+assert halves(3) == 1.5
+prepared = "numba.np.arraymath" in sys.modules
+assert hashed("sphere") == hash("sphere")
+print(prepared)
+"""
+
+
+def test_a_kernel_is_loaded_without_the_rules_of_the_compiler(tmp_path: Path) -> None:
+    (tmp_path / "loaded.py").write_text(_LOADED, encoding="utf-8")
+    environment = {**os.environ, kernel_folders.VARIABLE: str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+    for prepared in (True, False):
+        done = subprocess.run(
+            [sys.executable, "loaded.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, done.stdout.strip()) == (0, str(prepared)), done.stderr
