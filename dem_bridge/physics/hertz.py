@@ -24,6 +24,7 @@ from dem_bridge.physics.contact_ellipse import (
     ellipse_integrals,
 )
 from dem_bridge.physics.numbers import above, not_negative, number, poisson_ratio
+from dem_bridge.physics.roots import root_between
 
 #: source of the axis ratio: Hertz's exact condition, or the paper's b/a = (A/B)^(2/3)
 AxisRatio = Literal["exact", "paper"]
@@ -375,10 +376,8 @@ def angle_of_stiffness(
         )
     if excess <= _ROUNDOFF:
         return 90.0
-    from scipy.optimize import brentq
-
     root_log = math.sqrt(math.log1p(excess))
-    flattening = brentq(
+    flattening = root_between(
         lambda trial: math.sqrt(max(_log_stiffness(trial, law), 0.0)) - root_log, 0.0, deepest, xtol=1e-15
     )
     return min(math.degrees(2.0 * math.atan(math.exp(-_stretch_of(flattening, law)))), 90.0)
@@ -432,10 +431,8 @@ def _flattening(stretch: float, law: AxisRatio) -> float:
     """Return the flattening ln(a/b) of a stretch ln(B/A)/2."""
     if law == "paper" or stretch < 1e-6:  # near the circle the laws differ by a cubic term
         return 4.0 / 3.0 * stretch
-    from scipy.optimize import brentq
-
     # as b <= d, the root is at least the stretch; it is at most the paper's value
-    return float(brentq(lambda u: _stretch_of(u, law) - stretch, 0.99 * stretch, 1.4 * stretch, xtol=1e-15))
+    return root_between(lambda u: _stretch_of(u, law) - stretch, 0.99 * stretch, 1.4 * stretch, xtol=1e-15)
 
 
 def _stretch_of(flattening: float, law: AxisRatio) -> float:
