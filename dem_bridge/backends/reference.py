@@ -28,7 +28,7 @@ from dem_bridge.backends.scipy_dop853 import ScipyDop853
 from dem_bridge.backends.taylor import integrate
 from dem_bridge.backends.taylor_series import BODY, COMPONENT, CONTACT, Table
 from dem_bridge.errors import RunBroken
-from dem_bridge.foundation.compiled import interruptible
+from dem_bridge.foundation.compiled import interruptible, side_by_side
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.scene import features
 from dem_bridge.scene.scene import Scene, Wall
@@ -89,14 +89,12 @@ class Reference(AlwaysAvailable):
         if scene.piston is not None:
             return [behind_piston(run, scene) for run in self.replicas(before_wall(scene), resolution, sampling)]
         directions, (frame, velocity) = np.random.default_rng(20180305), in_common_frame(scene)
-        return [
-            in_rest_frame(
-                self.solve_series(_perturbed(frame, directions), sampling, order=SECOND_ORDER, unfelt=SECOND_UNFELT),
-                velocity,
-                scene.drag,
-            )
-            for _ in range(REALISATIONS)
-        ]
+
+        def replica(perturbed: Scene) -> Trajectory:
+            run = self.solve_series(perturbed, sampling, order=SECOND_ORDER, unfelt=SECOND_UNFELT)
+            return in_rest_frame(run, velocity, scene.drag)
+
+        return side_by_side(replica, [_perturbed(frame, directions) for _ in range(REALISATIONS)])
 
     def solve_series(
         self,

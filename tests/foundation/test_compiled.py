@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import threading
+import time
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -12,7 +15,8 @@ import numba
 import pytest
 
 from dem_bridge.backends.curves import POWERS, curves_of
-from dem_bridge.foundation.compiled import kernel
+from dem_bridge.foundation.compiled import kernel, side_by_side
+from dem_bridge.foundation.stopwatch import cpu_time
 from dem_bridge.scene.scene import Scene, Wall
 
 
@@ -93,3 +97,27 @@ def test_ctrl_c_at_the_end_of_a_compiled_function_is_that_and_no_system_error(ca
     one.__dict__["compiled"] = returned_with_an_exception_set
     with pytest.raises(KeyboardInterrupt if cause is KeyboardInterrupt else SystemError):
         one()
+
+
+@pytest.mark.parametrize("cores", [1, 2, 7])
+def test_work_side_by_side_has_the_order_of_its_items_and_all_its_cpu_time(
+    monkeypatch: pytest.MonkeyPatch, cores: int
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(cores)))
+    threads = set()
+
+    def spun(item: int) -> int:
+        threads.add(threading.get_ident())
+        end = time.thread_time() + 0.02
+        while time.thread_time() < end:
+            pass
+        return 10 * item
+
+    before = cpu_time()
+    assert side_by_side(spun, range(5)) == [0, 10, 20, 30, 40]
+    assert 0.1 <= cpu_time() - before < 0.2
+    assert len(threads) <= min(cores, 5)
+    assert (len(threads) > 1) is (cores > 1)
+    assert side_by_side(spun, []) == []
+    with pytest.raises(ZeroDivisionError):
+        side_by_side(lambda item: 1 // item, [3, 2, 1, 0])
