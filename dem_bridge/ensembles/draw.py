@@ -7,7 +7,7 @@ there are or on who draws them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -52,6 +52,19 @@ class Chains:
     """N/m^(n-1), ``(n_chain, n_contact)``, walls last."""
     gap: Floats
     """m, ``(n_chain, n_contact)``, without the overlaps of a precompression."""
+
+    @classmethod
+    def of(cls, scenes: Sequence[Scene]) -> Chains:
+        """Return the chains of scenes that differ in these numbers only."""
+        walled = [
+            np.append(np.array(scene.gap), [getattr(scene, side).gap for side in _walls(scene)]) for scene in scenes
+        ]
+        return cls(
+            mass=np.array([scene.mass for scene in scenes]),
+            velocity=np.array([scene.velocity for scene in scenes]),
+            stiffness=np.array([scene.contacts.stiffness for scene in scenes]),
+            gap=np.array(walled),
+        )
 
     def __len__(self) -> int:
         return len(self.mass)
@@ -154,14 +167,9 @@ class Variation:
         """Return the chains of numbers between 0 and 1, ``(n_chain, n_column)``: parts of normal distributions."""
         from scipy.special import ndtri
 
-        scene, c = self.scene, self.scene.contacts
         tiny = np.finfo(float).tiny
         deviate = ndtri(np.clip(uniform, tiny, 1.0 - np.finfo(float).epsneg))
-        count = len(deviate)
-        gap = np.append(np.array(scene.gap), [getattr(scene, side).gap for side in _walls(scene)])
-        numbers = {"mass": np.array(scene.mass), "velocity": np.array(scene.velocity)}
-        numbers |= {"stiffness": c.stiffness, "gap": gap}
-        drawn = {key: np.tile(value, (count, 1)) for key, value in numbers.items()}
+        drawn = vars(Chains.of([self.scene]).rows(np.zeros(len(deviate), np.int64)))
         for column, (key, place) in enumerate(self.columns):
             off = self.vary[key] * deviate[:, column]
             if key == "angle":

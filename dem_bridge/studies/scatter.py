@@ -2,8 +2,8 @@
 
 The paper (section 4a) states such scatter as the reason why its measured fronts are uneven. Chains in which each angle
 differs from the intended one by a normal deviate are solved as an ensemble; the result is the spread of the
-observables, and the tolerance of the angles that a wanted spread allows. The study of the paper solves a seeded set of
-chains by the reference.
+observables, and the tolerance of the angles that a wanted spread allows. In the study of the paper each chain has a
+seed of its own.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import numpy as np
 
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.ensembles.draw import LEAST_ANGLE as LEAST_ANGLE
-from dem_bridge.ensembles.draw import VARIED, Variation
-from dem_bridge.ensembles.run import run_ensemble
-from dem_bridge.ensembles.solve import LANED, solve_chains
+from dem_bridge.ensembles.draw import VARIED, Chains, Variation
+from dem_bridge.ensembles.run import PILOT, run_ensemble
+from dem_bridge.ensembles.solve import LANED, check_solvable, solve_chains, steps_for
 from dem_bridge.errors import UnsupportedScene
 from dem_bridge.observables.fits import inner_bodies
 from dem_bridge.report.columns import DEGREE, PERCENT, Column
@@ -62,6 +62,8 @@ _SAFE = 1.645
 _PARTS, _CHAINS = (0.02, 0.08, 0.3, 1.0, 3.0, 8.0), 512
 #: samples of the maps
 _SAMPLES = 120
+#: relative error of the observables of chains with their own seeds; the spreads of 150 of them have 6 %
+SEEDED_ACCURACY = 1e-6
 #: chains that the paper measured
 PAPER = ("decelerating-40", "accelerating-40")
 
@@ -76,6 +78,8 @@ class ScatteredChains:
     seed: int
     solver: str
     """The reference, or "ensemble"."""
+    own_seeds: bool
+    """Each chain has a seed of its own, from ``seed`` on; else all are drawn with one seed."""
     values: Mapping[str, Floats]
     """Observable -> ``(n_chain, n_place)``, without the chains that broke; "velocity" of an ensemble."""
     intended: Mapping[str, Floats]
@@ -166,11 +170,15 @@ def _check_arrival(scene: Scene, crossing_time: Floats) -> None:
 
 def cases_of(scene: Scene, *, spread: float, count: int, seed: int = 0) -> list[Case]:
     """Return the case of the intended chain, then of ``count`` scattered ones, with seeds from ``seed`` on."""
-    _check_settings(spread, count, seed)
-    chains = [scene, *(scattered(scene, spread=spread, seed=seed + i) for i in range(count))]
     # crossing times and peak forces are those of the run, not of its samples
-    item = Sampling(count=1)
-    return [Case(scene=c, backend=REFERENCE, resolution=Resolution(), sampling=item, uncertainty=False) for c in chains]
+    settings: dict[str, Any] = {"backend": REFERENCE, "resolution": Resolution(), "sampling": Sampling(count=1)}
+    return [Case(scene=chain, uncertainty=False, **settings) for chain in _seeded(scene, spread, count, seed)]
+
+
+def _seeded(scene: Scene, spread: float, count: int, seed: int) -> list[Scene]:
+    """Return the intended chain, then ``count`` scattered ones, with seeds from ``seed`` on."""
+    _check_settings(spread, count, seed)
+    return [scene, *(scattered(scene, spread=spread, seed=seed + i) for i in range(count))]
 
 
 def chains_of(scene: Scene, results: Sequence[Result], *, spread: float, seed: int = 0) -> ScatteredChains:
@@ -186,7 +194,30 @@ def chains_of(scene: Scene, results: Sequence[Result], *, spread: float, seed: i
         shape = part["case"].nunique(), -1
         values[name] = part["value"].to_numpy().reshape(shape)
         reference[name] = part["reference_value"].to_numpy().reshape(shape)[0]
-    return ScatteredChains(scene=scene, spread=spread, seed=seed, solver=REFERENCE, values=values, intended=reference)
+    of_draws: dict[str, Any] = {"spread": spread, "seed": seed, "own_seeds": True}
+    return ScatteredChains(scene=scene, solver=REFERENCE, values=values, intended=reference, **of_draws)
+
+
+def solve_seeded(scene: Scene, *, spread: float, count: int, seed: int = 0) -> ScatteredChains:
+    """Solve the chains of :func:`cases_of` together, a thousand times faster, to :data:`SEEDED_ACCURACY`.
+
+    Raises UnsupportedScene for forces that chains in lanes cannot have, such as adhesion or a drive.
+    """
+    check_solvable(scene)
+    chains = Chains.of(_seeded(scene, spread, count, seed))
+    steps = steps_for(scene, chains.rows(np.arange(min(len(chains), PILOT))), SEEDED_ACCURACY)
+    solved = solve_chains(scene, chains, steps)
+    _check_arrival(scene, solved["crossing_time"][0])
+    rows = {name: values.reshape(len(chains), -1) for name, values in solved.items()}
+    return ScatteredChains(
+        scene=scene,
+        spread=spread,
+        seed=seed,
+        solver="ensemble",
+        own_seeds=True,
+        values={name: values[1:] for name, values in rows.items()},
+        intended={name: values[0] for name, values in rows.items()},
+    )
 
 
 def solve_scattered(
@@ -211,6 +242,7 @@ def solve_scattered(
         spread=spread,
         seed=seed,
         solver="ensemble",
+        own_seeds=False,
         values={
             name: values.reshape(count, -1) if values.ndim < 3 else values for name, values in chains.values.items()
         },
@@ -401,9 +433,8 @@ def figure(chains: ScatteredChains) -> FigureData:
         return TEXTS.panel(id, [band, Series(label="median", style="black line", x=x, y=middle)])
 
     panels = (panel("body", residence, 1), panel("contact", force, 0))
-    one_by_one = chains.solver == REFERENCE
-    seeds = f"seeds from {chains.seed} on" if one_by_one else f"seed {chains.seed}"
-    solver = "the reference" if one_by_one else "an ensemble"
+    seeds = f"seeds from {chains.seed} on" if chains.own_seeds else f"seed {chains.seed}"
+    solver = "the reference" if chains.solver == REFERENCE else "an ensemble"
     settings = {"spread": chains.spread, "count": chains.count, "seeds": seeds, "solver": solver}
     return replace(TEXTS.figure("scatter", panels, scene=name, **settings), id=f"scatter-{name}")
 

@@ -23,6 +23,7 @@ from dem_bridge.studies.scatter import (
     find_tolerances,
     scattered,
     solve_scattered,
+    solve_seeded,
     study_of,
     study_scatter,
 )
@@ -152,6 +153,23 @@ def test_an_ensemble_and_the_reference_have_the_same_intended_chain_and_spread()
     # the standard error of a deviation is 1/sqrt(2 n) of it: 11 % for 40 chains; three of them
     assert single.arrival_shift[1] == pytest.approx(chains.arrival_shift[1], rel=0.35)
     assert single.force_spread == pytest.approx(chains.force_spread, rel=0.35)
+
+
+@pytest.mark.parametrize("name", ["decelerating-40", "accelerating-40"])
+def test_seeded_chains_that_are_solved_together_are_those_of_the_reference(name: str) -> None:
+    scene = db.load_scene(name)
+    together = solve_seeded(scene, spread=SPREAD, count=COUNT, seed=SEED)
+    cases = cases_of(scene, spread=SPREAD, count=COUNT, seed=SEED)
+    single = chains_of(scene, run_cases(cases, jobs=1), spread=SPREAD, seed=SEED)
+    for observable in ("arrival_at_end", "residence_time", "peak_force"):
+        # the accuracy of 1e-6 is that of each run, and these are ratios of two
+        np.testing.assert_allclose(together.ratios(observable), single.ratios(observable), rtol=2e-6)
+
+
+def test_chains_with_a_drive_cannot_be_solved_together() -> None:
+    driven = _rods(drive=db.Drive(shape="sine", force=0.01, frequency=1e4))
+    with pytest.raises(UnsupportedScene, match="rods"):
+        solve_seeded(driven, spread=1.0, count=2)
 
 
 def test_a_tolerance_that_was_found_is_confirmed_by_other_chains() -> None:

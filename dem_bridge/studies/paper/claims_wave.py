@@ -256,9 +256,9 @@ def _scatter(scattered: list[ScatteredChains]) -> Claim:
         name, typical = item.scene.name, float(np.nanmedian(item.residence_spread))
         shift, spread = item.arrival_shift
         stderr = spread / math.sqrt(2.0 * (item.count - 1))
-        values.append(ClaimValue(name=f"deviation of the residence time, {name}", backend=REFERENCE, value=typical))
+        values.append(ClaimValue(name=f"deviation of the residence time, {name}", backend=item.solver, value=typical))
         of_arrival = f"deviation of the arrival at the end, with its standard error, {name}"
-        values.append(ClaimValue(name=of_arrival, backend=REFERENCE, value=spread, uncertainty=stderr))
+        values.append(ClaimValue(name=of_arrival, backend=item.solver, value=spread, uncertainty=stderr))
         way = "later" if shift > 0.0 else "earlier"
         each.append(
             {"chain": name, "typical": typical, "deviation": spread, "stderr": stderr, "shift": abs(shift), "way": way}

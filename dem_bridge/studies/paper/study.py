@@ -108,28 +108,25 @@ def verify_paper(
     # what chooses them is mostly compiled, and leaves the interpreter to others
     plans = map_in_threads(partial(_plan, accuracy=accuracy, engine=engine, cache=cache), scenes, jobs)
     main = [load_scene(name) for name in MAIN]
-    sets = [scatter.cases_of(scene, spread=extent.spread, count=extent.chains) for scene in main]
     hierarchies = (
         [model_hierarchy_of(scene, accuracy=NEGLIGIBLE, store=store) for scene in main] if extent.hierarchy else []
     )
     models = [hierarchy.cases() for hierarchy in hierarchies]
     thumbs = [rule_of_thumb.cases_of(scene) for scene in scenes]
     changed = [*variants(), *mass_gradients(engine), *matched(), *steeper_tapers()]
-    parts: tuple[list[Sequence[Case]], ...] = ([plan.cases for plan in plans], [changed], [*sets], [*models], [*thumbs])
+    parts: tuple[list[Sequence[Case]], ...] = ([plan.cases for plan in plans], [changed], [*models], [*thumbs])
     together = list(chain.from_iterable(parts))
     under_way = under_way or UnderWay(accuracy=accuracy)
     ended = assess_when_ended(plans, under_way, store)
     groups = iter(run_groups(together, jobs=jobs, progress=progress, store=store, cache=cache, ended=ended))
-    of_scenes, [of_changed], of_sets, of_models, of_thumbs = ([next(groups) for _ in part] for part in parts)
+    of_scenes, [of_changed], of_models, of_thumbs = ([next(groups) for _ in part] for part in parts)
     if progress is not None:
         progress(1.0, 1, "reading claims")
     studies = tuple(under_way.studies[number] for number in range(len(plans)))
 
     def read() -> dict[str, Any]:
         runs = Runs.of((*chain.from_iterable(of_scenes), *of_changed))
-        scattered = [
-            scatter.chains_of(scene, of_set, spread=extent.spread) for scene, of_set in zip(main, of_sets, strict=True)
-        ]
+        scattered = [scatter.solve_seeded(scene, spread=extent.spread, count=extent.chains) for scene in main]
         requested = [
             (hierarchy, _left_out(hierarchy, of_model))
             for hierarchy, of_model in zip(hierarchies, of_models, strict=True)
@@ -137,7 +134,7 @@ def verify_paper(
         judged = [rule_of_thumb.errors_of(scene, of_thumb) for scene, of_thumb in zip(scenes, of_thumbs, strict=True)]
         return read_paper(studies, accuracy, runs, scattered, requested, (rule_of_thumb.table(judged),))
 
-    results = [*chain(*of_scenes, of_changed, *of_sets, *of_models, *of_thumbs)]
+    results = [*chain(*of_scenes, of_changed, *of_models, *of_thumbs)]
     paper = _recalled(store, results, read, accuracy=accuracy, extent=asdict(extent))
     verification = verification_of(
         studies,

@@ -114,14 +114,8 @@ def runs(results: tuple[Result, ...]) -> Runs:
 
 
 @pytest.fixture(scope="package")
-def scattered(store: Path) -> list[ScatteredChains]:
-    def of(scene: Scene) -> ScatteredChains:
-        return scatter.chains_of(
-            scene, run_cases(scatter.cases_of(scene, spread=1.0, count=2), jobs=1, store=kept), spread=1.0
-        )
-
-    kept = Store(store)
-    return [of(db.load_scene(name)) for name in MAIN]
+def scattered() -> list[ScatteredChains]:
+    return [scatter.solve_seeded(db.load_scene(name), spread=1.0, count=2) for name in MAIN]
 
 
 @pytest.fixture(scope="package")

@@ -244,7 +244,7 @@ SAID: dict[str, Callable[[Claim], list[str]]] = {
     "speed-power-law": _each("{:.2g} % in", scale=100.0),
     "scatter": lambda one: [
         text
-        for typical, arrival in np.array(_values(one)).reshape(-1, 2)
+        for typical, arrival in np.array(_values(one, "ensemble")).reshape(-1, 2)
         for text in (f"has a standard deviation of {100.0 * typical:.2g} %", f"of {100.0 * arrival:.2g} % +-")
     ],
     "slower-by-dissipation": _speeds,
