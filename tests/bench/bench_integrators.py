@@ -60,7 +60,7 @@ class Extent:
 
 def full_extent() -> Extent:
     scenes = tuple(replace(db.load_scene(name), samples=500) for name in ("decelerating-40", "accelerating-40"))
-    return Extent(rounds=9, bodies=(40, 200, 2000), work=1e7, accuracies=(1e-4, 1e-6, 1e-8), scenes=scenes)
+    return Extent(rounds=5, bodies=(40, 200, 2000), work=5e6, accuracies=(1e-4, 1e-6, 1e-8), scenes=scenes)
 
 
 def tiny_extent() -> Extent:

@@ -163,7 +163,7 @@ def types(extent: Extent) -> Iterator[Row]:
         scene = _chain(extent.length(cylinders), steps=2_000 if cylinders < 5_000 else 500)
         loop: dict[str, list[float]] = {"euler": [], "per-body": []}
         before, memory = {}, {}
-        for _ in range(extent.repeats(3)):
+        for _ in range(extent.repeats(3 if cylinders < 5_000 else 2)):
             for kind in loop:
                 run = _bare(scene, types=kind)
                 loop[kind].append(run.loop)
