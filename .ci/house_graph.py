@@ -149,7 +149,7 @@ def _resolved(text: str, modules: Mapping[str, Module]) -> str | None:
 
 def _imported(module: Module, modules: Mapping[str, Module], homes: Mapping[str, str]) -> Iterator[str]:
     """Yield the modules of the package that statements import."""
-    package = module.name.split(".")[0]
+    package, facade = module.name.split(".")[0], _facade(module)
     for node in module.nodes:
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -158,7 +158,7 @@ def _imported(module: Module, modules: Mapping[str, Module], homes: Mapping[str,
             base = ".".join([*above, *([node.module] if node.module else [])])
             names = [f"{base}.{alias.name}" for alias in node.names]
         elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            names = [f"{package}.{node.attr}"] if node.value.id in _facade(module) else []
+            names = [f"{package}.{node.attr}"] if node.value.id in facade else []
         else:
             continue
         for name in names:

@@ -30,7 +30,7 @@ def values() -> dict[str, Any]:
         "Uncertainty": run.uncertainty,
         "Comparison": db.compare(run, db.solve(BIG, backend="verlet", dt=5e-7, uncertainty=False)),
         "Plan": db.plan(PAIR, 1e-3, backend="verlet"),
-        "Ensemble": db.ensemble(db.load_scene("decelerating-40"), vary={"angle": 0.5}, n=8, accuracy=1e-2),
+        "Ensemble": db.ensemble(db.load_scene("decelerating-40"), vary={"angle": 0.5}, n=8, accuracy=1e-2, checks=1),
         "Table": db.table_of(BIG, table="contacts", with_run=False),
     }
 
