@@ -274,7 +274,7 @@ def test_physics_knows_nothing_of_ours() -> None:
 
 
 def test_the_reference_and_the_twin_share_only_what_they_answer_with() -> None:
-    parts = ("scipy_dop853", "scipy_integration", "scipy_damped", "scipy_kernels")
+    parts = ("scipy_dop853", "scipy_integration", "scipy_damped", "scipy_kernels", "scipy_step")
     scipy = {imported for name in parts for imported in _ours(f"dem_bridge.backends.{name}")}
     scipy -= {f"dem_bridge.backends.{name}" for name in parts}
     twin = _ours("dem_bridge.backends.verlet")

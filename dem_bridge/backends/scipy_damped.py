@@ -14,6 +14,8 @@ maximal compression; it is searched for on the dense output and at the jumps.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -108,9 +110,7 @@ class DampedIntegration(Integration):
                 events.append((float(solver.t_old), contact))
                 continue
 
-            def margin(t: float, contact: int = contact) -> float:
-                return float(self.margins(step.dense(t)[None], state)[0, contact])
-
+            margin = self._margin_within(step, contact, state)
             events.append((root_of(margin, float(times[before[-1]]), float(times[first])), contact))
         events += self._grazes(solver, step, state)
         event = min(events, default=None)
@@ -124,6 +124,21 @@ class DampedIntegration(Integration):
                     " backend='verlet'"
                 )
         return event
+
+    def _margin_within(self, step: Step, contact: int, state: NDArray[Any]) -> Callable[[float], float]:
+        """Return the margin of a contact as a function of time within the last step."""
+        if self.laws:
+            return lambda t: float(self.margins(step.dense(t)[None], state)[0, contact])
+        limits = self.clip, float(self.touch[contact]), float(self.unnoticed[contact])
+        of_contact = (int(state[contact]), self.contacts, self.n, contact, limits)
+        return lambda t: kernels.margin_within.compiled(*step.at(t), *of_contact)
+
+    def _force_within(self, step: Step, contact: int, state: NDArray[Any]) -> Callable[[float], float]:
+        """Return the force of a pressing contact as a function of time within the last step."""
+        if self.laws:
+            return lambda t: float(self._sampled_force(step.dense(t)[None], state)[0, contact])
+        of_contact, least = (self.contacts, self.n, contact), 0.0 if self.clip else -math.inf
+        return lambda t: max(kernels.force_within.compiled(*step.at(t), *of_contact), least)
 
     def _grazes(self, solver: DOP853, step: Step, state: NDArray[Any]) -> list[tuple[float, int]]:
         """Return (time, contact) of open contacts that close within the last step and may open again between probes."""
@@ -151,8 +166,9 @@ class DampedIntegration(Integration):
         top &= rise > FLAT * self.peak_force
         for probe, contact in np.argwhere(top).tolist():
             low, high = times[probe], times[probe + 2]
+            force = self._force_within(step, contact, state)
             maximum = minimize_scalar(
-                lambda t, contact=contact: -self._sampled_force(step.dense(t)[None], state)[0, contact],
+                lambda t, force=force: -force(t),
                 bounds=(low, high),
                 method="bounded",
                 # the square of it is what a maximum is missed by
@@ -160,5 +176,5 @@ class DampedIntegration(Integration):
             )
             # as accurate as a step, which the dense output is not
             y = self._step_to(float(maximum.x), step)
-            force = self._sampled_force(y[None], state)[0, contact]
-            self.peak_force[contact] = max(self.peak_force[contact], float(force))
+            largest = self._sampled_force(y[None], state)[0, contact]
+            self.peak_force[contact] = max(self.peak_force[contact], float(largest))

@@ -6,8 +6,9 @@ the overlaps after a step show whether a contact opened or closed in it; the ear
 dense output and the integration starts anew from there. Overlaps are variables of the integration, so nothing is
 ever subtracted that is a thousand times larger than the overlap.
 
-The right-hand side is compiled (:mod:`.scipy_kernels`). The dense output costs three evaluations and is made only for
-steps with a sample, an event or a maximum; equations of one contact are solved on its polynomials alone.
+Right-hand side and steps are compiled (:mod:`.scipy_kernels`, :mod:`.scipy_step`). The dense output costs three
+evaluations and is made only for steps with a sample, an event or a maximum; equations of one contact are solved on its
+polynomials alone.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from scipy.optimize import brentq
 from dem_bridge.backends import scipy_kernels as kernels
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.scales import natural_scales, resting_acceleration, resting_speed, unfelt_overlap
-from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, CompiledDop853, Floats
+from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, Floats
+from dem_bridge.backends.scipy_step import CompiledDop853
 from dem_bridge.errors import RunBroken
 from dem_bridge.foundation import progress
 from dem_bridge.scene.scene import Scene
@@ -77,6 +79,11 @@ class Step:
     def dense(self) -> Any:
         """Dense output of the whole state: a function of time (s)."""
         return self.solver.dense_output()
+
+    def at(self, t: float) -> tuple[float, Floats, Floats]:
+        """Return the part of the step at a time, terms of the dense output and the state at its start, for kernels."""
+        dense = self.dense
+        return float((t - dense.t_old) / dense.h), dense.F, dense.y_old
 
     def component(self, index: int) -> Callable[[float], float]:
         """Return one component of the state as a function of time, by the operations of scipy's dense output."""
@@ -181,7 +188,10 @@ class Integration:
         self.lowest = -c.gap  # the smallest overlap of each contact so far, m
         #: how fast the closing rate of a contact falls at its first crossing, m/s^2; the keys are their numbers
         self.slowing_at_crossing: dict[str, float] = {}
-        self.drive = None if scene.driving_force is None else scene.driving_force.function()
+        force = scene.driving_force
+        self.drive = None if force is None else force.function()
+        #: the drive as kernels take it; None for a table
+        self.wave = None if force is not None and force.shape == "table" else kernels.wave_table(force)
         #: acceleration of a piston, m/s^2, until the next of its bends; None without one, or at a constant velocity
         self.piston: Callable[[float], float] | None = None
 
@@ -252,9 +262,9 @@ class Integration:
     def _solver(self, state: NDArray[Any], at: float, y: Floats, stop: float, **more: float) -> DOP853:
         """Return scipy's solver from a time to another; its steps are compiled unless they need functions of Python."""
         settings = (self.derivative(state), at, y, stop)
-        if self.laws or self.drive is not None or self.piston is not None:
+        if self.laws or self.piston is not None or self.wave is None:
             return DOP853(*settings, rtol=self.rtol, atol=self.atol, **more)
-        system = (state, self.contacts, self.bodies, self.scene.drag)
+        system = (state, self.contacts, self.bodies, self.scene.drag, self.wave)
         return CompiledDop853(system, *settings, rtol=self.rtol, atol=self.atol, **more)
 
     def state_at_start(self, y: Floats) -> NDArray[Any]:

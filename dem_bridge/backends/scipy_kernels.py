@@ -1,21 +1,19 @@
-"""Compiled parts of the ``scipy`` backend: its own writing of forces and equations of motion, and a step of DOP853.
+"""Compiled parts of the ``scipy`` backend: its own writing of forces and equations of motion.
 
-One step of scipy takes some 13 calls of Python and numpy a trial, far more than the forces of a chain. Here all trials
-of a step are one call of a kernel, with scipy's table, rules of step control and dense output. Where forces or drives
-are functions of Python, scipy's own step is taken. Nothing here is
-shared with the kernels of the twin or with those of ``reference``. State of a scene with k contacts and n bodies:
-overlap of every contact (m), velocity of every body (m/s), displacement of body 0 (m).
+Nothing here is shared with the kernels of the twin or with those of ``reference``. State of a scene with k contacts and
+n bodies: overlap of every contact (m), velocity of every body (m/s), displacement of body 0 (m).
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import DOP853
 
 from dem_bridge.foundation.compiled import Ints, kernel
+from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -45,6 +43,9 @@ CONTACT = np.dtype(
 )
 #: a body: inverse mass (1/kg; 0: it keeps its velocity), acceleration without contact (m/s^2)
 BODY = np.dtype([("mobility", "f8"), ("free", "f8")])
+#: a driving force of body 0: size (N; 0: none), angular frequency at the start (rad/s), half its rate of change
+#: (rad/s^2) until the time ``sweep`` (s), that from then on, time of the rise (s), and phase (rad)
+WAVE = np.dtype([(name, "f8") for name in ("size", "first", "growth", "sweep", "last", "rise", "phase")])
 
 
 def contact_table(scene: Scene) -> NDArray[Any]:
@@ -87,6 +88,21 @@ def body_table(scene: Scene) -> NDArray[Any]:
     """Return the bodies of a scene as one array of :data:`BODY`."""
     table = np.zeros(scene.n_body, BODY)
     table["mobility"], table["free"] = scene.mobility[:-1], scene.free_acceleration
+    return table
+
+
+def wave_table(drive: Drive | None) -> NDArray[Any]:
+    """Return a sine or a chirp, or no drive, as an array of one :data:`WAVE`."""
+    table = np.zeros(1, WAVE)
+    if drive is None:
+        return table
+    first = last = 2.0 * math.pi * (drive.frequency or 0.0)
+    table["size"], table["rise"], table["phase"] = drive.peak, drive.rise, math.radians(drive.phase)
+    table["sweep"] = math.inf
+    if drive.last_frequency is not None and drive.sweep is not None:
+        last = 2.0 * math.pi * drive.last_frequency
+        table["growth"], table["sweep"] = 0.5 * (last - first) / drive.sweep, drive.sweep
+    table["first"], table["last"] = first, last
     return table
 
 
@@ -185,18 +201,31 @@ def margins(
     for row in range(len(rows)):
         for i in range(len(contacts)):
             rate = closing_rate(rows[row], contacts[i], len(contacts), n)
-            total = contact_force(rows[row, i], rate, elastic[row], contacts, i)
-            undamped = contact_force(rows[row, i], 0.0, elastic[row], contacts, i)
-            total /= max(unnoticed[i], UNNOTICED * (abs(undamped) + abs(total - undamped)))
-            overlap = rows[row, i] / touch[i]
-            if state[i] == OPEN:
-                out[row, i] = -overlap
-            elif state[i] == SLACK:
-                out[row, i] = min(overlap, -total)
-            elif clip and contacts[i].damping > 0.0:
-                out[row, i] = min(overlap, total)
-            else:
-                out[row, i] = overlap
+            limits = clip, touch[i], unnoticed[i]
+            out[row, i] = margin(rows[row, i], rate, state[i], elastic[row], contacts, i, limits)
+
+
+@kernel(nogil=False)
+def margin(
+    overlap: float, rate: float, state: int, elastic: Floats, contacts: Table, i: int,
+    limits: tuple[bool, float, float],
+) -> float:  # fmt: skip
+    """Return how far contact ``i`` is from a change of its state: see :func:`margins`.
+
+    ``limits``: clip, and the contact's touch and unnoticed.
+    """
+    clip, touch, unnoticed = limits
+    total = contact_force(overlap, rate, elastic, contacts, i)
+    undamped = contact_force(overlap, 0.0, elastic, contacts, i)
+    total /= max(unnoticed, UNNOTICED * (abs(undamped) + abs(total - undamped)))
+    of_touch = overlap / touch
+    if state == OPEN:
+        return -of_touch
+    if state == SLACK:
+        return min(of_touch, -total)
+    if clip and contacts[i].damping > 0.0:
+        return min(of_touch, total)
+    return of_touch
 
 
 @kernel(nogil=False)
@@ -226,87 +255,51 @@ def contact_force(overlap: float, rate: float, elastic: Floats, contacts: Table,
     return force
 
 
-#: least and largest factor by which a step changes, and the part of the predicted one that is taken, as in scipy
-LEAST, MOST, SAFETY = 0.2, 10.0, 0.9
-
-
-class CompiledDop853(DOP853):  # type: ignore[misc]  # scipy has no types
-    """DOP853 whose steps, all trials of each, are computed by :func:`take_step`.
-
-    ``system``: state of the contacts, contacts, bodies and drag, as :func:`~.scipy_kernels.derivative` takes them.
-    """
-
-    t: float
-    y: Floats
-    f: Floats
-    h_abs: float
-    nfev: int
-
-    def __init__(self, system: tuple[Ints, Table, Table, float], *arguments: Any, **named: Any) -> None:
-        super().__init__(*arguments, **named)
-        self.system = system
-
-    def _step_impl(self) -> tuple[bool, str | None]:
-        new = np.empty_like(self.y)
-        control = (float(self.t), float(self.h_abs), float(self.t_bound), float(self.rtol), self.error_exponent)
-        after, size, trials = take_step.compiled(
-            control, self.y, self.f, self.atol, (self.A, self.B, self.E5, self.E3), self.K, new, *self.system
-        )
-        self.nfev += trials * self.n_stages
-        if not after > self.t:
-            return False, self.TOO_SMALL_STEP
-        self.h_previous, self.y_old = after - self.t, self.y
-        self.t, self.y, self.h_abs, self.f = after, new, size, self.K[self.n_stages].copy()
-        return True, None
+@kernel(nogil=False)
+def wave_at(wave: Any, t: float) -> float:
+    """Return the driving force of a :data:`WAVE` at a time (s), N."""
+    if wave.size == 0.0:
+        return 0.0
+    swept = min(t, wave.sweep)
+    angle = (wave.first + wave.growth * swept) * swept + wave.last * (t - swept)
+    envelope = np.sin(0.5 * np.pi / wave.rise * min(t, wave.rise)) ** 2 if wave.rise > 0.0 else 1.0
+    force: float = wave.size * envelope * np.sin(angle + wave.phase)
+    return force
 
 
 @kernel(nogil=False)
-def take_step(
-    control: tuple[float, float, float, float, float], y: Floats, f: Floats, atol: Floats,
-    table: tuple[Floats, Floats, Floats, Floats], stages: Floats, new: Floats, state: Ints, contacts: Table,
-    bodies: Table, drag: float,
-) -> tuple[float, float, int]:  # fmt: skip
-    """Take one step, write the state after it into ``new``, and return its time, the next size (s) and the trials.
+def component(part: float, terms: Floats, start: Floats, i: int) -> float:
+    """Return one component of the state at a part of a step, by the operations of scipy's dense output."""
+    y, factor, other = 0.0, part, 1.0 - part
+    for p in range(len(terms) - 1, -1, -1):
+        y = (y + terms[p, i]) * factor
+        factor, other = other, factor
+    return y + start[i]
 
-    The time is that before the step where its size would be too small. ``control``: time, size, end, relative
-    tolerance and exponent of the error; ``table``: coefficients of scipy; ``stages (n_stages + 1, n)``: room.
-    """
-    t, size, end, rtol, exponent = control
-    a, b, fifth, third = table
-    count, n, elastic, trial = len(b), len(y), np.empty(0), np.empty_like(y)
-    smallest = 10.0 * (np.nextafter(t, np.inf) - t)
-    size, rejected, trials = max(size, smallest), False, 0
-    while size >= smallest:
-        after = min(t + size, end)
-        size = after - t
-        stages[0] = f
-        for s in range(1, count + 1):
-            weights = a[s] if s < count else b
-            trial[:] = 0.0
-            for q in range(s):
-                if weights[q] != 0.0:
-                    for i in range(n):
-                        trial[i] += weights[q] * stages[q, i]
-            for i in range(n):
-                trial[i] = y[i] + size * trial[i]
-            derivative(trial, state, elastic, contacts, bodies, drag, 0.0, stages[s])
-        new[:] = trial
-        trials += 1
-        of_fifth, of_third = 0.0, 0.0
-        for i in range(n):
-            scale, five, three = atol[i] + max(abs(y[i]), abs(new[i])) * rtol, 0.0, 0.0
-            for q in range(count + 1):
-                five += fifth[q] * stages[q, i]
-                three += third[q] * stages[q, i]
-            of_fifth += (five / scale) ** 2
-            of_third += (three / scale) ** 2
-        error = 0.0
-        if of_fifth > 0.0 or of_third > 0.0:
-            error = size * of_fifth / np.sqrt((of_fifth + 0.01 * of_third) * n)
-        if error < 1.0:
-            factor = MOST if error == 0.0 else min(MOST, SAFETY * error**exponent)
-            return after, size * (min(1.0, factor) if rejected else factor), trials
-        # a trial far too long may end beyond doubles
-        size *= max(LEAST, SAFETY * error**exponent) if error < np.inf else LEAST
-        rejected = True
-    return t, size, trials
+
+@kernel(nogil=False)
+def force_within(part: float, terms: Floats, start: Floats, contacts: Table, n: int, i: int) -> float:
+    """Return elastic and damping force of contact ``i`` at a part of a step, N."""
+    overlap, rate = contact_within(part, terms, start, contacts, n, i)
+    return contact_force(overlap, rate, np.empty(0), contacts, i)
+
+
+@kernel(nogil=False)
+def margin_within(
+    part: float, terms: Floats, start: Floats, state: int, contacts: Table, n: int, i: int,
+    limits: tuple[bool, float, float],
+) -> float:  # fmt: skip
+    """Return the margin of contact ``i`` at a part of a step: see :func:`margins`."""
+    overlap, rate = contact_within(part, terms, start, contacts, n, i)
+    return margin(overlap, rate, state, np.empty(0), contacts, i, limits)
+
+
+@kernel(nogil=False)
+def contact_within(part: float, terms: Floats, start: Floats, contacts: Table, n: int, i: int) -> tuple[float, float]:
+    """Return overlap (m) and closing rate (m/s) of contact ``i`` at a part of a step."""
+    k, rate = len(contacts), 0.0
+    if contacts[i].left < n:
+        rate = component(part, terms, start, k + contacts[i].left)
+    if contacts[i].right < n:
+        rate -= component(part, terms, start, k + contacts[i].right)
+    return component(part, terms, start, i), rate

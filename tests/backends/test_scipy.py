@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import dem_bridge as db
 from dem_bridge.backends import scipy_dop853, scipy_integration
-from dem_bridge.backends.scipy_kernels import CompiledDop853
+from dem_bridge.backends.scipy_step import CompiledDop853
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.physics.exact import two_body_collision

@@ -19,7 +19,8 @@ from dem_bridge.backends import scipy_integration
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.scipy_damped import DampedIntegration
 from dem_bridge.backends.scipy_integration import Integration, Step
-from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, CompiledDop853
+from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, wave_at, wave_table
+from dem_bridge.backends.scipy_step import CompiledDop853
 from dem_bridge.scene.drive import Drive
 from dem_bridge.scene.scene import Scene, Wall
 from tests.helpers.strategies import ANY, damped_scenes, examples, scenes
@@ -130,7 +131,7 @@ def test_compiled_steps_are_those_of_scipy() -> None:
     y = np.concatenate([-run.gap, CHAIN.velocity, [0.0]])
     state = run.state_at_start(y)
     settings = {"rtol": 1e-9, "atol": 1e3 * run.atol}
-    system = (state, run.contacts, run.bodies, CHAIN.drag)
+    system = (state, run.contacts, run.bodies, CHAIN.drag, wave_table(None))
     arguments = (run.derivative(state), 0.0, y, CHAIN.duration)
     t, evaluations, scipys = _after_steps(DOP853(*arguments, **settings), 12)
     compiled, same, ours = _after_steps(CompiledDop853(system, *arguments, **settings), 12)
@@ -139,6 +140,39 @@ def test_compiled_steps_are_those_of_scipy() -> None:
     # a step that is a millionth longer, and a dozen steps of the last digit
     assert ours == pytest.approx(scipys, rel=1e-5, abs=1e-9 * float(np.max(np.abs(scipys))))
     assert _after_steps(Swapped(system, *arguments, **settings), 12)[0] != pytest.approx(t, rel=1e-2)
+
+
+DRIVES = (
+    Drive(shape="sine", force=0.5, frequency=3e3, phase=40.0, rise=2e-4),
+    Drive(shape="chirp", force=0.5, frequency=3e3, last_frequency=2e4, sweep=1e-4, phase=-20.0),
+)
+
+
+@pytest.mark.parametrize("drive", DRIVES, ids=lambda drive: drive.shape)
+@pytest.mark.parametrize("at", [0.0, 7e-5, 1.5e-4, 3e-4])
+def test_the_drive_in_a_kernel_is_that_of_the_scene(drive: Drive, at: float) -> None:
+    # a phase of some tens of radians has so many last digits
+    assert wave_at(wave_table(drive)[0], at) == pytest.approx(float(drive.at(at)), rel=1e-13, abs=1e-14)
+
+
+@pytest.mark.parametrize("drive", [None, *DRIVES], ids=["none", "sine", "chirp"])
+def test_compiled_dense_output_is_that_of_scipy(drive: Drive | None) -> None:
+    scene = replace(CHAIN, drive=drive)
+    run = Integration(scene, Sampling(count=1), 1e-9)
+    y = np.concatenate([-run.gap, scene.velocity, [0.0]])
+    state = run.state_at_start(y)
+    arguments, settings = (run.derivative(state), 0.0, y, scene.duration), {"rtol": 1e-6, "atol": run.atol}
+    system = (state, run.contacts, run.bodies, scene.drag, wave_table(drive))
+    solvers = (DOP853(*arguments, **settings), CompiledDop853(system, *arguments, **settings))
+    for solver in solvers:
+        solver.h_abs = 1e-6
+        solver.step()
+    scipys, ours = (solver.dense_output() for solver in solvers)
+    times = np.linspace(0.0, solvers[0].t, 7)
+    assert solvers[0].t == solvers[1].t
+    scale = np.max(np.abs(scipys(times)), axis=1, keepdims=True) + 1e-300
+    assert np.max(np.abs(ours(times) - scipys(times)) / scale) < 1e-12
+    assert ours(float(times[3])) == pytest.approx(ours(times)[:, 3], rel=4.0 * EPS)
 
 
 def test_a_dense_output_is_made_for_few_steps_alone(monkeypatch: pytest.MonkeyPatch) -> None:

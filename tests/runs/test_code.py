@@ -108,6 +108,7 @@ EDITS: dict[str, set[tuple[str, bool] | str]] = {
     "backends/bca.py": _of("bca", "adiabatic"),
     "backends/ase_verlet.py": _of("ase"),
     "backends/scipy_kernels.py": _of("scipy", "reference"),
+    "backends/scipy_step.py": _of("scipy", "reference"),
     # where the laws dissipate, the prescan of all codes with a fixed step but ASE's is a run of the twin
     "backends/twin.py": _of("verlet", "blanes-moan", *LAMMPS) | _of("ase", only_uncertainty=True),
     "lmp/deck.template": _of(*LAMMPS),
