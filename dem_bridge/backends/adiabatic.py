@@ -65,13 +65,11 @@ class AdiabaticWaves(AlwaysAvailable):
         peak_force[:first] *= launch.force_ratio[:first]
         peak_time = launch.start + 0.5 / launch.speed + np.cumsum([0.0, 1.0 / launch.speed, *wave.transit[2:-1]])
         peak_time[:first] += launch.late[:first]
-        force, impulse, travel = (
-            np.array(rows).T
-            for rows in zip(
-                *(_pulse(*part, times) for part in zip(n, peak_force, wave.momentum, peak_time, strict=True)),
-                strict=True,
-            )
-        )
+        force, impulse, travel = np.empty((3, len(times), scene.n_contact))
+        by_exponent = np.argsort(n, kind="stable")
+        for some in np.split(by_exponent, np.flatnonzero(np.diff(n[by_exponent])) + 1):
+            pulses = _pulses(float(n[some[0]]), peak_force[some], wave.momentum[some], peak_time[some], times[:, None])
+            force[:, some], impulse[:, some], travel[:, some] = pulses
         force[0] = 0.0  # at the start bodies only touch
         start = np.array(scene.velocity)
         return Trajectory(
@@ -86,8 +84,12 @@ class AdiabaticWaves(AlwaysAvailable):
         )
 
 
-def _pulse(n: float, peak: float, momentum: float, at: float, times: Floats) -> tuple[Floats, Floats, Floats]:
-    """Force of a contact, N, and its first and second integral over time from ``times[0]``: impulse (N s) and N s^2."""
+def _pulses(n: float, peak: Floats, momentum: Floats, at: Floats, times: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return forces of contacts, N, and their integrals over time from ``times[0]``: impulses (N s) and N s^2.
+
+    ``peak`` (N), ``momentum`` (N s) and ``at`` (time of the peak, s) are ``(n_contact,)``, ``times (n_t, 1)``; the
+    results are ``(n_t, n_contact)``. The contacts have the exponent ``n``.
+    """
     force, impulse, travel = _profile(n)
     end = force.x[-1]
     rate = peak * float(impulse(end)) / momentum  # grains per second, so that the whole impulse is the momentum

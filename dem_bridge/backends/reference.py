@@ -199,12 +199,16 @@ def _perturbed(scene: Scene, directions: np.random.Generator) -> Scene:
     """Return the scene with each number moved by one unit in its last place, up or down."""
 
     def moved(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return tuple(map(moved, value))
+        if value is None:
+            return None
         if isinstance(value, Wall):
             return replace(value, stiffness=moved(value.stiffness), gap=moved(value.gap))
+        numbers = np.array(value, dtype=np.float64)
         # what is exactly 0 stays: a body at rest is at rest
-        return math.nextafter(value, float(directions.choice((-math.inf, math.inf)))) if value else value
+        moving = numbers != 0.0
+        ends = directions.choice((-math.inf, math.inf), int(np.sum(moving)))
+        numbers[moving] = np.nextafter(numbers[moving], ends)
+        return tuple(numbers.tolist()) if isinstance(value, tuple) else numbers.item()
 
     names = ("mass", "velocity", "stiffness", "gap", "gravity", "precompression", "wall_left", "wall_right")
     return replace(scene, **{name: moved(getattr(scene, name)) for name in names})

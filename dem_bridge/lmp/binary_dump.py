@@ -81,7 +81,7 @@ def _frames_alike(data: bytes, at: int, columns: int, name: str) -> Frames | Non
     if np.any(headers != headers[0]):
         return None
     steps = np.ascontiguousarray(frames[:, _STEP]).view(np.int64)[:, 0]
-    return steps, np.ascontiguousarray(frames[:, header:]).view(np.float64).reshape(len(frames), -1, columns)
+    return steps, frames[:, header:].view(np.float64).reshape(len(frames), -1, columns)
 
 
 def _frame(data: bytes, at: int, name: str) -> tuple[int, NDArray[np.float64], int]:

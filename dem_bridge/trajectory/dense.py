@@ -329,8 +329,8 @@ def secondary_peak_force(force: Floats) -> Floats:
     """
     secondary = np.zeros(force.shape[1])
     top = np.argmax(force, axis=0)
-    for contact, row in enumerate(top.tolist()):
-        series = force[:, contact]
+    for contact in np.flatnonzero(np.any(force, axis=0)).tolist():
+        row, series = int(top[contact]), force[:, contact]
         low = np.flatnonzero(series < 0.1 * series[row])
         end = int(np.searchsorted(low, row))
         before = series[: low[end - 1]] if end > 0 else series[:0]
