@@ -16,6 +16,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
+from functools import cache
 from operator import mul
 
 import numpy as np
@@ -72,10 +73,15 @@ class Exact:
 
 
 def solve_exactly(scene: Scene) -> Exact:
-    """Return what the scene ends with, right to the last digit of a double."""
-    with localcontext() as context:
-        context.prec, context.Emin, context.Emax = DIGITS, -999_999, 999_999
-        return Chain(scene).solved()
+    """Return what the scene ends with, right to the last digit of a double; each scene is solved once."""
+    if scene.content_hash not in _SOLVED:
+        with localcontext() as context:
+            context.prec, context.Emin, context.Emax = DIGITS, -999_999, 999_999
+            _SOLVED[scene.content_hash] = Chain(scene).solved()
+    return _SOLVED[scene.content_hash]
+
+
+_SOLVED: dict[str, Exact] = {}
 
 
 def largest_overlap(scene: Scene, contact: int) -> Decimal | None:
@@ -361,8 +367,14 @@ def _next_of_power(power: Series, s: Series, p: Decimal, inverse: Decimal) -> De
     o = len(power)
     if o == 0:
         return _power(s[0], p)
-    terms = ((p * d - (o - d)) * s[d] * power[o - d] for d in range(1, o + 1))
+    terms = map(mul, map(mul, _factors(p, o), s[1 : o + 1]), reversed(power))
     return sum(terms, start=ZERO) * inverse / o
+
+
+@cache
+def _factors(p: Decimal, o: int) -> tuple[Decimal, ...]:
+    """Return the factors ``p d - (o - d)`` of the recurrence, for d from 1 to ``o``."""
+    return tuple(p * d - (o - d) for d in range(1, o + 1))
 
 
 def _power(value: Decimal, p: Decimal) -> Decimal:
