@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from copy import deepcopy
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -13,17 +14,22 @@ from tests.helpers.sentences import Code, Source, fields_of
 
 ROOT = Path(dem_bridge.__file__).parent
 FILES = [file for room in ("report", "verification", "judging", "studies") for file in (ROOT / room).rglob("*.py")]
-CODE = Code(
-    [
-        Source(file.read_text(encoding="utf-8"), ".".join(file.relative_to(ROOT.parent).with_suffix("").parts))
-        for file in FILES
-    ]
-)
 PAGES = {file.stem: tomllib.loads(file.read_text(encoding="utf-8")) for file in sorted(ROOT.glob("*/pages/*.toml"))}
 
 
+@cache
+def code() -> Code:
+    """Return the modules that fill texts."""
+    return Code(
+        [
+            Source(file.read_text(encoding="utf-8"), ".".join(file.relative_to(ROOT.parent).with_suffix("").parts))
+            for file in FILES
+        ]
+    )
+
+
 def test_every_field_of_every_sentence_has_a_value() -> None:
-    assert [line for page, content in PAGES.items() for line in CODE.unknown_fields(page, content)] == []
+    assert [line for page, content in PAGES.items() for line in code().unknown_fields(page, content)] == []
 
 
 def misspelt(page: str, group: str, key: str) -> list[str]:
@@ -34,7 +40,7 @@ def misspelt(page: str, group: str, key: str) -> list[str]:
         entry, key = entry[key], next(name for name, text in entry[key].items() if fields_of(text))
     field = sorted(fields_of(entry[key]))[0]
     entry[key] = entry[key].replace("{" + field, "{" + field[:-1] + "q" + field[-1], 1)
-    return [*CODE.unknown_fields(page, content)]
+    return [*code().unknown_fields(page, content)]
 
 
 #: a text of each kind and room, with a field that no code gives; those of studies are in tests/studies/report

@@ -6,7 +6,7 @@ from copy import deepcopy
 
 import pytest
 
-from tests.report.test_fields import CODE, PAGES, misspelt
+from tests.report.test_fields import PAGES, code, misspelt
 
 
 @pytest.mark.parametrize(
@@ -26,12 +26,12 @@ def test_a_misspelt_field_is_found(page: str, group: str, key: str) -> None:
 def test_a_field_of_the_page_that_a_call_does_not_give_is_found() -> None:
     content = deepcopy(PAGES["bands"])
     content["sentences"]["edges"] += " {tolerance}"
-    [line] = CODE.unknown_fields("bands", content)
+    [line] = code().unknown_fields("bands", content)
     assert line.startswith("bands.toml, sentences.edges: {tolerance} has no value in dem_bridge.studies.bands, line ")
 
 
 def test_a_misspelt_attribute_of_a_field_is_found() -> None:
     content = deepcopy(PAGES["extremes"])
     content["sentences"]["nearest"] = content["sentences"]["nearest"].replace("finding.ratio", "finding.ratoi")
-    [line] = CODE.unknown_fields("extremes", content)
+    [line] = code().unknown_fields("extremes", content)
     assert "{row.finding.ratoi}" in line
