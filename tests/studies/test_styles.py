@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.cli import main
 from dem_bridge.errors import BackendUnavailable, UnsupportedScene
 from dem_bridge.lmp import variants
@@ -19,7 +20,18 @@ from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.variants import flat_walls, hertz_material, newton_off, with_restart
 from dem_bridge.observables.verdict import Outcome
 from dem_bridge.scene.scene import Adhesion, Damping, Scene, Wall
-from dem_bridge.studies.styles import COLUMNS, LEAST_SHOWN, WAYS, Base, Row, Way, base_of, rows_of, study_of
+from dem_bridge.studies.styles import (
+    COLUMNS,
+    LEAST_SHOWN,
+    WAYS,
+    Base,
+    Row,
+    Way,
+    base_of,
+    rows_of,
+    study_of,
+    tolerances_of,
+)
 
 pytestmark = pytest.mark.lammps
 
@@ -95,6 +107,15 @@ def test_every_way_passes_or_says_why_it_was_not_run(base: Base, held: tuple[Row
         most = 1e-5 if row.way.startswith("table") else 1e-11
         assert all(0.0 < tolerance < most for tolerance in row.tolerances.values())
     assert study_of(base, held).exit_code == 0
+
+
+def test_the_default_step_has_less_roundoff_than_that_of_the_backend() -> None:
+    short = replace(HELD, gravity=0.0, duration=2e-5)
+    base = base_of(short, dt=None)
+    usual = base.backend.deck(short, Resolution(), Sampling(count=short.samples)).schedule.step
+    assert 3.0 * usual < base.deck.schedule.step < 11.0 * usual
+    stricter, tolerances = (tolerances_of(at, at.deck, {}) for at in (base, base_of(short, dt=usual)))
+    assert all(stricter[name] < tolerances[name] for name in COLUMNS)
 
 
 def test_what_changes_no_operation_changes_no_bit(held: tuple[Row, ...]) -> None:
@@ -339,7 +360,7 @@ def test_the_tables_and_the_figure_hold_the_matrix(base: Base, held: tuple[Row, 
 def test_the_command_prints_the_matrix_and_ends_with_0(tmp_path: Path) -> None:
     scene = tmp_path / "pair.toml"
     scene.write_text(PAIR)
-    done = CliRunner().invoke(main, ["study", "styles", str(scene), "--dt", "2e-7", "-o", str(tmp_path)])
+    done = CliRunner().invoke(main, ["study", "styles", str(scene), "--dt", "2e-7", "-v", "-o", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert "\x1b" not in done.output
     assert re.search(r"granular, newton off .* yes .*PASS", done.output)
