@@ -11,10 +11,13 @@ import hashlib
 import io
 import re
 from collections.abc import Callable, Sequence
+from functools import cache
 from html import escape
+from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, TypeVar
 
+from dem_bridge.foundation.compiled import started
 from dem_bridge.report.study import FigureData
 from dem_bridge.runs.code import code_of_all, digest
 from dem_bridge.runs.recall import recall
@@ -29,6 +32,12 @@ Svg = TypeVar("Svg", str, str | None)
 _DOTS_PER_INCH = 110
 #: colours of a picture that a dark page replaces, and the names of these colours in style.css
 _THEMED = {"#000000": "ink", "#ffffff": "paper", "#0072b2": "blue", "#7f7f7f": "grey", "#c8c8c8": "pale"}
+
+
+@cache
+def prepare_drawing() -> None:
+    """Import matplotlib in a thread, beside runs that are made in other processes and in kernels."""
+    started(lambda: [import_module(f"matplotlib.{name}") for name in ("figure", "backends.backend_svg")])
 
 
 def picture_of_data(data: FigureData, store: Store | None = None) -> str:

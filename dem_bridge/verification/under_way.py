@@ -17,6 +17,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.foundation.files import write_whole
 from dem_bridge.foundation.progress import Campaign, watching
 from dem_bridge.observables.verdict import Outcome
+from dem_bridge.report.images import prepare_drawing
 from dem_bridge.report.study import Table
 from dem_bridge.report.texts import Texts, verdict_table
 from dem_bridge.verification.assess import SceneStudy
@@ -44,8 +45,10 @@ class UnderWay:
     """Why pages could not be written; empty if they could."""
 
     def watch(self, state: Campaign) -> None:
-        """Note the state of a campaign."""
+        """Note the state of a campaign; what is run will be drawn."""
         self.state = replace(state)
+        if state.running:
+            prepare_drawing()
 
     def page(self, *, interrupted: bool = False) -> dict[str, str | bytes]:
         """Return the page, and the tables beside it, by their names."""

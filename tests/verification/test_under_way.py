@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -144,3 +146,28 @@ def test_the_first_answer_says_what_is_under_way(done: int, running: tuple[str, 
     numbers = f"{done} of 3 runs have ended, 1 of them broken; all runs of 0 of 2 scenes have ended."
     assert study.answer == (f"{numbers} {expected}".rstrip(),)
     assert [row[0] for row in study.tables[0].rows] == ["early", "late"]
+
+
+def test_what_draws_is_imported_beside_the_first_run_and_not_where_all_is_stored(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    prepared: list[bool] = []
+    monkeypatch.setattr("dem_bridge.verification.under_way.prepare_drawing", lambda: prepared.append(True))
+    under_way = UnderWay(accuracy=1e-4)
+    under_way.watch(Campaign(total=2, done=2))
+    assert not prepared
+    under_way.watch(Campaign(total=2, done=1, running=("pair: verlet",)))
+    assert prepared
+
+
+def test_matplotlib_is_imported_in_a_thread() -> None:
+    code = (
+        "import sys, threading\n"
+        "from dem_bridge.report.images import prepare_drawing\n"
+        "assert 'matplotlib' not in sys.modules\n"
+        "prepare_drawing()\n"
+        "[thread] = set(threading.enumerate()) - {threading.main_thread()}\n"
+        "thread.join()\n"
+        "assert 'matplotlib.backends.backend_svg' in sys.modules\n"
+    )
+    assert not subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stderr
