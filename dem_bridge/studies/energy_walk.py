@@ -206,4 +206,5 @@ def continued(scene: Scene, velocity: Floats, overlap: Floats) -> Scene:
 def _difference(scene: Scene, values: Floats) -> Floats:
     """Return at each contact the value of the body on its left minus that on its right; walls have 0."""
     c, columns = scene.contacts, [*np.asarray(values).T, 0.0]
-    return np.stack([columns[left] - columns[right] for left, right in zip(c.left, c.right, strict=True)], axis=-1)
+    # contiguous along time, along which all is vectorised
+    return np.stack([columns[left] - columns[right] for left, right in zip(c.left, c.right, strict=True)]).T
