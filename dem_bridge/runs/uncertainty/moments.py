@@ -6,6 +6,7 @@ near zero; the run ends near the first maximum of compression.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -240,10 +241,17 @@ def _ends(seen: Seen, moved: Booleans, reach: float, slow: float, least: float, 
 def _before_the_crossing(seen: Seen, rows: Indices, contact: Indices, time: Floats, crossing: Floats) -> Booleans:
     """Return which moments are not later than the first maximum of compression, or are part of it."""
     earlier = ~(time > crossing[contact])  # nan: it never crosses
-    for each in np.flatnonzero(~earlier):
-        k = contact[each]
+    later, closing = np.flatnonzero(~earlier), seen["rate"]
+    now = read_at(seen, contact[later], time[later])[1]
+    for k in np.unique(contact[later]):
+        of_contact = contact[later] == k
+        row, rate = rows[later[of_contact]], now[of_contact]
         after = int(np.searchsorted(seen["time"], crossing[k]))
         # the closing rate has fallen from zero to this moment, and is not at a later extreme
-        since = np.append(seen["rate"][after : rows[each] + 1, k], read_at(seen, contact[[each]], time[[each]])[1])
-        earlier[each] = since[0] <= 0.0 and bool(np.all(np.diff(since) <= 0.0))
+        rises = np.flatnonzero(~(np.diff(closing[after:, k]) <= 0.0))
+        lowest = after + int(rises[0]) if len(rises) else len(closing)
+        sampled = row >= after
+        first = np.where(sampled, closing[min(after, len(closing) - 1), k], rate)
+        before = np.where(sampled, closing[row, k], math.inf)
+        earlier[later[of_contact]] = (first <= 0.0) & (row <= lowest) & (rate <= before)
     return earlier
