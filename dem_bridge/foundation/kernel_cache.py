@@ -63,7 +63,11 @@ _rebuild_environment = cast(Any, environments)._rebuild_env
 
 @cache
 def _prepare_compiler() -> None:
-    """Have numba look for the routines of scipy.linalg when a function needs them, and not at once, for 0.2 s."""
+    """Prepare numba for compiling, with what other packages add to it.
+
+    It looks for the routines of scipy.linalg when a function needs them, and not at once, for 0.2 s.
+    """
+    from numba.core import entrypoints
     from numba.np import linalg
 
     ensure, linalg.ensure_blas = linalg.ensure_blas, lambda: None
@@ -71,6 +75,7 @@ def _prepare_compiler() -> None:
         importlib.import_module("numba.np.arraymath")  # where numba asks whether they are there
     finally:
         linalg.ensure_blas = ensure
+    cast(Any, entrypoints).init_all()
 
 
 def compile_function(function: Callable[..., Any], *, nogil: bool) -> Any:
@@ -78,6 +83,8 @@ def compile_function(function: Callable[..., Any], *, nogil: bool) -> Any:
     dispatcher: Any = numba.njit(nogil=nogil)(function)
     if hasattr(dispatcher, "targetctx"):  # else the compiler is switched off
         dispatcher._cache = KernelCache(dispatcher)
+        # the search among all installed packages for extensions of numba is left until something is compiled
+        dispatcher._compilation_chain_init_hook = lambda: None
     return dispatcher
 
 

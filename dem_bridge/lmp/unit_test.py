@@ -17,7 +17,6 @@ from pathlib import PurePath
 from typing import Any
 
 import numpy as np
-import yaml
 
 from dem_bridge.errors import SceneError
 from dem_bridge.lmp.reader.evaluation import UNITS
@@ -218,6 +217,8 @@ def read_unit_test(text: str, file: str) -> UnitTest:
 
 def _scalars(text: str, file: str) -> dict[str, str]:
     """Return the keys of the first YAML document with their texts; nothing is converted and no object is built."""
+    import yaml  # which only such a test needs
+
     try:
         values = next(yaml.load_all(text, Loader=yaml.BaseLoader), None)
     except (yaml.YAMLError, RecursionError) as error:
