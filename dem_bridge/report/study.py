@@ -6,6 +6,7 @@ A figure is its numbers: ``report`` draws them, and writes the same numbers as C
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import sys
@@ -220,8 +221,8 @@ class FigureData:
     """Part of the width of a sheet; None follows from the panels."""
 
     def content(self) -> bytes:
-        """All that the picture is made of: figures with the same content look the same."""
-        return json.dumps(asdict(self), default=np.ndarray.tolist).encode()
+        """All that the picture is made of, arrays by their checksums: figures with the same content look the same."""
+        return json.dumps(asdict(self), default=_checksum).encode()
 
     def as_csv(self) -> str:
         """All panels, long form: panel, series, x, y, value, bar. Numbers in full precision; empty where there is none.
@@ -245,6 +246,10 @@ class FigureData:
                     for x, y, bar in zip(line.x.tolist(), line.y.tolist(), bars, strict=True)
                 ]
         return _csv(("panel", "series", "x", "y", "value", "bar"), rows)
+
+
+def _checksum(array: Floats) -> list[str]:
+    return [str(array.dtype), str(array.shape), hashlib.sha256(array.tobytes()).hexdigest()]
 
 
 #: all classes of the parts of a study that are read off runs, for a store that keeps them

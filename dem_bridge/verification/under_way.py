@@ -26,6 +26,8 @@ from dem_bridge.verification.verification import Verification, verification_of
 TEXTS = Texts("under-way", "dem_bridge.verification")
 #: s between two pages, and until the first: a verification that takes less writes none
 SECONDS_BETWEEN_PAGES = 5.0
+#: s within which a case that a backend refuses has ended: nothing is drawn of it
+_SECONDS_OF_A_REFUSAL = 0.1
 #: a page is written at most so often that it takes this share of the time
 _SHARE = 0.02
 
@@ -43,12 +45,19 @@ class UnderWay:
     """The present campaign; None: none has begun."""
     trouble: str = ""
     """Why pages could not be written; empty if they could."""
+    _drawing: threading.Timer | None = None
+    """Prepares the drawing of what is run, unless nothing runs any more by then."""
 
     def watch(self, state: Campaign) -> None:
         """Note the state of a campaign; what is run will be drawn."""
         self.state = replace(state)
-        if state.running:
-            prepare_drawing()
+        if not state.running and self._drawing is not None:
+            self._drawing.cancel()
+            self._drawing = None
+        elif state.running and self._drawing is None:
+            self._drawing = threading.Timer(_SECONDS_OF_A_REFUSAL, prepare_drawing)
+            self._drawing.daemon = True
+            self._drawing.start()
 
     def page(self, *, interrupted: bool = False) -> dict[str, str | bytes]:
         """Return the page, and the tables beside it, by their names."""
