@@ -11,9 +11,9 @@ last bodies are wrong. Nothing can be said about the error from within (bars inf
 from __future__ import annotations
 
 import functools
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import PPoly
 
 from dem_bridge.backends.base import AlwaysAvailable, Resolution, Sampling, run_provenance
 from dem_bridge.backends.bca import MOVES_TOWARDS_THE_CHAIN, has_contacts
@@ -24,6 +24,9 @@ from dem_bridge.scene import features
 from dem_bridge.scene.scene import Scene
 from dem_bridge.scene.support import Exponents, Support
 from dem_bridge.trajectory.trajectory import Cost, Floats, Trajectory
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 #: points of a force profile from its centre to its end
 PROFILE = 512
@@ -103,7 +106,7 @@ def _pulses(n: float, peak: Floats, momentum: Floats, at: Floats, times: Floats)
 @functools.lru_cache(maxsize=256)
 def _profile(n: float) -> tuple[PPoly, PPoly, PPoly]:
     """Return the wave's force over its peak against grains from its centre, and its integrals from far ahead."""
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import CubicSpline  # what a scene's backends are is known without it
 
     shape = wave_shape(n)
     x = np.linspace(-shape.half_length, shape.half_length, 2 * PROFILE + 1)

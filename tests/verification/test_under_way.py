@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -151,13 +152,16 @@ def test_the_first_answer_says_what_is_under_way(done: int, running: tuple[str, 
 def test_what_draws_is_imported_beside_the_first_run_and_not_where_all_is_stored(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    prepared: list[bool] = []
-    monkeypatch.setattr("dem_bridge.verification.under_way.prepare_drawing", lambda: prepared.append(True))
+    prepared = threading.Event()
+    monkeypatch.setattr("dem_bridge.verification.under_way.prepare_drawing", prepared.set)
     under_way = UnderWay(accuracy=1e-4)
     under_way.watch(Campaign(total=2, done=2))
-    assert not prepared
-    under_way.watch(Campaign(total=2, done=1, running=("pair: verlet",)))
-    assert prepared
+    # a case that is refused has ended at once
+    under_way.watch(Campaign(total=2, done=1, running=("pair: bca",)))
+    under_way.watch(Campaign(total=2, done=2))
+    assert not prepared.wait(0.5)
+    under_way.watch(Campaign(total=3, done=2, running=("pair: verlet",)))
+    assert prepared.wait(30.0)
 
 
 def test_matplotlib_is_imported_in_a_thread() -> None:
