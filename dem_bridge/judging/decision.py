@@ -47,6 +47,8 @@ LARGEST_ERROR_OF_STEP = 0.01
 #: largest error of a method of second order, in the largest error of these: with 5, which Adams-Bashforth may reach, a
 #: factor of 1.04 on all stiffnesses was taken for another exponent
 LARGEST_MULTIPLE_OF_STEP_ERROR = 2.0
+#: derivatives of the motion that are kept: fits by several methods and steps start from the same parameters
+MOST_DERIVATIVES_KEPT = 4
 
 
 class Decision:
@@ -58,6 +60,8 @@ class Decision:
         self.exact = data.predict(self.base, self.rows, TOLERANCE_OF_DECISION)
         self.errors = data.errors(self.exact)
         self.step = self._step()
+        #: the last derivatives, by hypothesis and parameters
+        self._derivatives: dict[tuple[Hypothesis, bytes], Floats] = {}
 
     def _step(self) -> float:
         """Return a step (s) that resolves the contacts: that of the file, if runs with it are short."""
@@ -289,6 +293,15 @@ class Decision:
 
     def _derivative(self, hypothesis: Hypothesis, p: Floats) -> Floats:
         """Return the derivative of the residual by each parameter, in units of the noise."""
+        key = hypothesis, p.tobytes()
+        if key not in self._derivatives:
+            while len(self._derivatives) >= MOST_DERIVATIVES_KEPT:
+                self._derivatives.pop(next(iter(self._derivatives)))
+            self._derivatives[key] = self._computed_derivative(hypothesis, p)
+        return self._derivatives[key]
+
+    def _computed_derivative(self, hypothesis: Hypothesis, p: Floats) -> Floats:
+        """Return the derivative by two motions for each parameter."""
         if hypothesis.size == 0:
             return np.zeros((sum(block.values.size for block in self.data.blocks), 0))
         step, tolerance = 1e-4, TOLERANCE_OF_DECISION if float(np.max(self.errors)) < 1e-4 else 1e-11

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.foundation.compiled import side_by_side
 from dem_bridge.judging.chain_hypotheses import common_factor, global_hypotheses
 from dem_bridge.judging.decision import Decision
 from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, TOLERANCE_OF_SEARCH, Data, Fit, Fitter, least
@@ -35,6 +34,10 @@ MOST_FITTED_OF_CAUSE = 4
 FEWEST_SAMPLES_OF_WINDOW = 40
 #: part of the scene's own residual that a hypothesis may leave to be fitted further
 LARGEST_RESIDUAL_SHARE = 0.6
+#: part that the best hypothesis leaves of the first window, as ranked and as fitted, so that no other ranking is needed
+LARGEST_SHARE_OF_PROMISING, LARGEST_SHARE_OF_CERTAIN = 0.3, 0.01
+#: relative difference of parameters up to which two fits of one hypothesis are one
+SAME_AFTER_FIT = 1e-3
 #: part that every hypothesis leaves of another scene's motion where it begins, and the least size of the difference
 LEAST_SHARE_OF_OTHER_SCENE, LEAST_ERROR_OF_OTHER_SCENE = 0.6, 0.3
 
@@ -139,9 +142,7 @@ class Search:
             with np.errstate(all="ignore"):  # which each thread has for itself
                 return first(hypothesis)
 
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-            out = list(threads.map(quietly, hypotheses))
-        return sorted(out, key=lambda candidate: candidate.left)
+        return sorted(side_by_side(quietly, hypotheses), key=lambda candidate: candidate.left)
 
     def places(self, rows: int) -> list[Hypothesis]:
         """Return the masses and stiffnesses of single bodies and contacts that resemble the difference most."""
@@ -228,16 +229,21 @@ class Search:
         return kept
 
     def _fitted(self, windows: list[int]) -> list[Candidate]:
-        """Return the hypotheses that leave least in each of the windows."""
-        everywhere, kept = self.everywhere(), list[Candidate]()
-        # where a difference begins it is linear in its cause, and a little later causes differ more
-        for rows in dict.fromkeys((windows[0], windows[min(2, len(windows) - 1)])):
-            ranked = self.rank([*everywhere, *self.places(rows)], rows)
-            for candidate in (candidate for candidate in ranked if candidate.left < 0.97):
-                same = [other for other in kept if _kind(other.hypothesis) == _kind(candidate.hypothesis)]
-                again = any(_alike(other, candidate) for other in same)
-                if len(same) < MOST_FITTED_OF_CAUSE and len(kept) < MOST_FITTED_IN_WINDOW and not again:
-                    kept.append(candidate)
+        """Return the hypotheses that leave least in each of the windows.
+
+        Where a difference begins it is linear in its cause, and a little later causes differ more. The second ranking
+        is left out where a hypothesis of the first one explains the samples of all windows, unless the step of the file
+        is to be found: that is looked for from the parameters of both.
+        """
+        everywhere = self.everywhere()
+        ranked, kept = self._ranked(everywhere, [], windows[0])
+        promising = bool(ranked) and ranked[0].left < LARGEST_SHARE_OF_PROMISING
+        if len(windows) > 1 and promising and self.data.dt is not None:
+            best = self._best_in_window(kept, windows[0])
+            if best and best[0].left < LARGEST_SHARE_OF_CERTAIN and (best := self._best_in_windows(best, windows[1:])):
+                return best
+        if (rows := windows[min(2, len(windows) - 1)]) != windows[0]:
+            ranked, kept = self._ranked(everywhere, kept, rows)
         # the last ranking is of samples in which the causes differ: where none helps, two of them hardly do
         if (
             len(windows) > 1
@@ -246,23 +252,49 @@ class Search:
         ):
             self.foreign = True
             return []
+        return self._best_in_windows(kept, windows)
+
+    def _ranked(
+        self, everywhere: list[Hypothesis], kept: list[Candidate], rows: int
+    ) -> tuple[list[Candidate], list[Candidate]]:
+        """Return the ranking of all hypotheses, and the candidates ``kept`` with those that are to be fitted, too."""
+        ranked, kept = self.rank([*everywhere, *self.places(rows)], rows), list(kept)
+        for candidate in (candidate for candidate in ranked if candidate.left < 0.97):
+            same = [other for other in kept if _kind(other.hypothesis) == _kind(candidate.hypothesis)]
+            again = any(_alike(other, candidate) for other in same)
+            if len(same) < MOST_FITTED_OF_CAUSE and len(kept) < MOST_FITTED_IN_WINDOW and not again:
+                kept.append(candidate)
+        return ranked, kept
+
+    def _best_in_windows(self, candidates: list[Candidate], windows: list[int]) -> list[Candidate]:
+        """Return the candidates that leave least in each of the windows."""
         for rows in windows:
             if self.data.over:
                 break
-            extra = 1e-3 * float(np.max(self.errors[:rows]))
-            start = float(np.sqrt(np.mean(self.fitter.residual(self.base, rows, extra) ** 2)))
-            fitted = []
-            for candidate in kept:
+            candidates = self._best_in_window(candidates, rows)
+        return candidates
+
+    def _best_in_window(self, candidates: list[Candidate], rows: int) -> list[Candidate]:
+        """Return the candidates that leave least of the first samples after a fit, each once if the step is known.
+
+        Where the step is to be found, it is looked for from each of them.
+        """
+        extra = 1e-3 * float(np.max(self.errors[:rows]))
+        start = float(np.sqrt(np.mean(self.fitter.residual(self.base, rows, extra) ** 2)))
+
+        def fitted(candidate: Candidate) -> Candidate:
+            with np.errstate(all="ignore"):  # which each thread has for itself
                 p, rms = self.fitter.fit(candidate.hypothesis, candidate.parameters, rows, extra)
-                fitted.append(Candidate(candidate.hypothesis, p, rms / start))
-            fitted.sort(key=lambda candidate: candidate.left)
-            least = fitted[0].left if fitted else 0.0
-            kept = [
-                candidate
-                for candidate in fitted
-                if candidate.left < LARGEST_RESIDUAL_SHARE and candidate.left < max(30.0 * least, 0.1)
-            ]
-        return kept
+            return Candidate(candidate.hypothesis, p, rms / start)
+
+        best, least = list[Candidate](), math.inf
+        for candidate in sorted(side_by_side(fitted, candidates), key=lambda candidate: candidate.left):
+            least = min(least, candidate.left)
+            good = candidate.left < LARGEST_RESIDUAL_SHARE and candidate.left < max(30.0 * least, 0.1)
+            again = self.data.dt is not None and any(_alike(other, candidate, SAME_AFTER_FIT) for other in best)
+            if good and not again:
+                best.append(candidate)
+        return best
 
     def fits(self) -> list[Fit]:
         """Return the last fits of the finalists, those that leave least first."""
@@ -280,11 +312,11 @@ def _kind(hypothesis: Hypothesis) -> tuple[str, str]:
     return hypothesis.cause, hypothesis.family
 
 
-def _alike(first: Candidate, second: Candidate) -> bool:
+def _alike(first: Candidate, second: Candidate, tolerance: float = 0.3) -> bool:
     """Return whether two candidates are one hypothesis with nearly one start."""
     left, right = first.hypothesis, second.hypothesis
     same = (left.cause, left.where, left.evidence) == (right.cause, right.where, right.evidence)
-    return same and bool(np.allclose(first.parameters, second.parameters, rtol=0.3, atol=1e-12))
+    return same and bool(np.allclose(first.parameters, second.parameters, rtol=tolerance, atol=1e-12))
 
 
 def _missed(change: Changes, place: int) -> Callable[[Floats], Variant]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
@@ -39,6 +40,12 @@ def hypothesis(
     return Hypothesis(cause, make, "", **({"starts": ((0.0,),)} | fields))
 
 
+@pytest.fixture(autouse=True)
+def _one_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep the order of fits, which are made side by side."""
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0})
+
+
 class Fitter:
     """Return the residuals of the variants, and answers for fits by the place of the hypothesis."""
 
@@ -65,7 +72,7 @@ def search_of(errors: Iterable[float], start: Floats = START) -> Any:
     search.fitter = Fitter()
     search.base = SimpleNamespace(residual=start, parameters=())
     search.exact = [np.zeros((search.rows, 1))]
-    search.data = SimpleNamespace(residual=lambda values, extra: WHOLE, over=False)
+    search.data = SimpleNamespace(residual=lambda values, extra: WHOLE, over=False, dt=1e-8)
     return search
 
 
@@ -333,13 +340,50 @@ def test_fits_that_leave_much_are_dropped(left: dict[str, float], kept: list[str
 
 
 @pytest.mark.parametrize(
+    ("ranked", "fitted", "last", "kept"),
+    [
+        # a cause that explains the first window and all later ones needs no other ranking
+        (0.29, 0.009, 0.009, ["a"]),
+        # ... but one that does not seem to, does not, or does so only at first
+        (0.31, 0.009, 0.009, ["a", "b"]),
+        (0.29, 0.011, 0.009, ["a", "b"]),
+        (0.29, 0.009, 0.7, ["b"]),
+    ],
+)
+def test_a_cause_that_explains_all_windows_needs_no_second_ranking(
+    ranked: float, fitted: float, last: float, kept: list[str]
+) -> None:
+    search = fitting_of({10: [candidate("a", ranked)], 40: [candidate("b", 0.5)]}, [10, 20, 40])
+    search.fitter.left = {"b": 0.02}
+    fit = search.fitter.fit
+
+    def by_window(chosen: Hypothesis, start: Floats, rows: int, extra: float) -> tuple[Floats, float]:
+        p, left = fit(chosen, start, rows, extra)
+        return p, left if chosen.where == "b" else last if rows == 40 else fitted
+
+    search.fitter.fit = by_window
+    assert sorted(places_of(search.finalists())) == kept
+    search.data.dt = None  # the step is looked for from what both rankings have
+    assert "b" in places_of(search.finalists())
+
+
+def test_of_fits_of_one_hypothesis_that_end_at_nearly_one_parameter_the_best_is_kept() -> None:
+    for parameter, dt, kept in ((1.001, 1e-8, ["a"]), (1.003, 1e-8, ["a", "a"]), (1.001, None, ["a", "a"])):
+        alike = [candidate("a", cause="mass", parameter=value, evidence="Some.") for value in (0.0, parameter)]
+        search = fitting_of({10: alike})
+        search.data.dt = dt
+        search.fitter.fit = lambda chosen, start, rows, extra: (np.where(start == 0.0, 1.0, start), 0.5)
+        assert places_of(search.finalists()) == kept
+
+
+@pytest.mark.parametrize(
     ("size", "left", "missing", "foreign"),
     [(0.31, 0.61, 0, True), (0.31, 0.59, 0, False), (0.29, 0.61, 0, False), (0.31, 0.61, 1, True)],
 )
 def test_a_file_that_no_fault_resembles_where_it_begins_is_searched_no_further(
     size: float, left: float, missing: int, foreign: bool
 ) -> None:
-    search = fitting_of({10: [candidate("a", 0.1)], 40: [candidate("b", left)]}, [10, 20, 40])
+    search = fitting_of({10: [candidate("a", 0.4)], 40: [candidate("b", left)]}, [10, 20, 40])
     search.errors, search.missing_bodies = size * search.errors, missing
     kept = search.finalists()
     assert search.foreign is foreign
