@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from dataclasses import dataclass
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
@@ -25,6 +26,8 @@ Floats = NDArray[np.float64]
 
 #: tolerance of a step of the adaptive method; the error of velocities is some ten times larger
 ADAPTIVE_STEP_TOLERANCE = 1e-11
+#: memory of the exact motions that a model keeps, bytes
+_KEPT_MEMORY = 30_000_000
 
 
 def system_of(scene: Scene) -> System:
@@ -83,17 +86,39 @@ class Model:
         table = _dop853()
         weights = np.array(table.B)
         self._pair = np.array(table.A[: len(weights), : len(weights)]), weights, np.array([table.E3, table.E5])
+        self._kept: dict[bytes, Motion] = {}
+        self._kept_memory = 0
 
     def exact(self, system: System, times: Floats, tolerance: float = ADAPTIVE_STEP_TOLERANCE) -> Motion:
         """Return the motion at ``times`` (s, not falling, from 0) by an adaptive method of order 8.
 
-        Velocities of another system than that of the scene are nan from where they need too many steps.
+        Velocities of another system than that of the scene are nan from where they need too many steps. A motion that
+        was computed before is returned again: a search comes back to up to a third of its systems.
 
         Raises
         ------
         MotionTooLong
             If the motion of the scene itself needs too many steps.
         """
+        key = pickle.dumps((system, times, tolerance))
+        if (motion := self._kept.get(key)) is None:
+            motion = self._integrated(system, times, tolerance)
+            self._keep(key, motion)
+        return motion
+
+    def _keep(self, key: bytes, motion: Motion) -> None:
+        """Keep a motion, and forget all others where they would take too much memory."""
+        arrays = (motion.displacement, motion.velocity, motion.acceleration, motion.force)
+        memory = len(key) + sum(array.nbytes for array in arrays)
+        for array in arrays:
+            array.flags.writeable = False
+        if self._kept_memory + memory > _KEPT_MEMORY:
+            self._kept.clear()
+            self._kept_memory = 0
+        self._kept[key] = motion
+        self._kept_memory += memory
+
+    def _integrated(self, system: System, times: Floats, tolerance: float) -> Motion:
         line, rest = (
             plain_kernels.line_of(system),
             (np.array(times, dtype=np.float64), self.speed, tolerance, *self._pair),
