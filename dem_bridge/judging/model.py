@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 from dataclasses import dataclass
+from functools import cache
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from pathlib import Path
@@ -176,6 +177,7 @@ class Model:
         )
 
 
+@cache
 def _dop853() -> Any:
     """Return scipy's table of DOP853 by its file, because scipy.integrate brings half of scipy for it (0.4 s)."""
     (folder,) = cast(ModuleSpec, find_spec("scipy")).submodule_search_locations or ("",)
