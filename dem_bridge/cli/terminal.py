@@ -225,11 +225,12 @@ def _print_tables(tables: Sequence[Table]) -> None:
         title, names, cells = _without_single_scene(data)
         console.print(title, style="bold", markup=False)
         grid = Grid(box=None, pad_edge=False)
-        for name in names:
-            grid.add_column(name, overflow="fold")
+        longest = _longest_words(names, cells)
+        for name, least in zip(names, longest, strict=True):
+            grid.add_column(name, overflow="fold", min_width=least)
         for row in cells:
             grid.add_row(*map(_cell, row))
-        if console.measure(grid).minimum <= console.width and _fits(names, cells, console.width):
+        if console.measure(grid).minimum <= console.width and sum(longest) + 2 * len(longest) <= console.width:
             console.print(grid)
             continue
         for row in cells:
@@ -237,11 +238,10 @@ def _print_tables(tables: Sequence[Table]) -> None:
             say(f"{first}; {'; '.join(others)}")
 
 
-def _fits(names: Sequence[str], cells: Sequence[Sequence[str | float]], width: int) -> bool:
-    """Return True if a table has room for the longest word of each column."""
+def _longest_words(names: Sequence[str], cells: Sequence[Sequence[str | float]]) -> list[int]:
+    """Return the length of the longest word of each column of a table."""
     rows = [names, *(list(map(_plain, row)) for row in cells)]
-    longest = [max(len(word) for row in rows for word in (row[k].split() or [""])) for k in range(len(names))]
-    return sum(longest) + 2 * len(longest) <= width
+    return [max(len(word) for row in rows for word in (row[k].split() or [""])) for k in range(len(names))]
 
 
 def _plain(value: str | float) -> str:
