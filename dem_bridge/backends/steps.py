@@ -85,7 +85,8 @@ class Dense(NamedTuple):
     @property
     def overlap_in_flight(self) -> float:
         """Overlap, m, that is no collision, see :func:`touching_in_flight`."""
-        return touching_in_flight(max(self.farthest, float(np.max(np.abs(self.displacement)))))
+        way = float(np.max(self.displacement)), -float(np.min(self.displacement))
+        return touching_in_flight(max(self.farthest, *way))
 
 
 def approach_of(scene: Scene, plan: Schedule, dense: Dense, every: int = 1) -> dict[str, NDArray[Any]]:

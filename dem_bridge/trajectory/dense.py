@@ -153,11 +153,10 @@ def extremes(
         ``(n_contact,)`` both; the time is nan for a contact that never compresses.
     """
     peak_force = np.max(force, axis=0)
-    touching = np.maximum(overlap[:-1], overlap[1:]) > resolution
-    moved = np.maximum(np.abs(acceleration[:-1]), np.abs(acceleration[1:])) >= resting
+    closed, moved = overlap > resolution, np.abs(acceleration) >= resting
     with np.errstate(over="ignore", invalid="ignore"):  # of rates and accelerations beyond 1e150
         turning = may_turn.py_func(rate[:-1], rate[1:], acceleration[:-1], acceleration[1:], np.diff(time)[:, None])
-    rows, contacts = np.nonzero(turning & touching & moved)
+    rows, contacts = np.nonzero(turning & (closed[:-1] | closed[1:]) & (moved[:-1] | moved[1:]))
     turns = Turns(
         contacts,
         time[rows],
