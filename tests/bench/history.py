@@ -33,8 +33,8 @@ ROOT = Path(__file__).parents[2]
 KEPT = ROOT / "docs" / "bench.jsonl"
 #: wall time that each benchmark may take, s, in the order in which they run: those that record medians are first
 BUDGETS = {
-    "bench_backends": 90, "bench_ensembles": 60, "bench_lammps": 150, "bench_paper": 150, "bench_studies": 75,
-    "bench_bars": 60, "bench_integrators": 60, "bench_horizon": 45, "bench_plan": 75, "bench_scale": 75,
+    "bench_backends": 90, "bench_ensembles": 45, "bench_lammps": 175, "bench_paper": 150, "bench_studies": 60,
+    "bench_bars": 60, "bench_integrators": 50, "bench_horizon": 45, "bench_plan": 75, "bench_scale": 90,
     "bench_campaign": 60,
 }  # fmt: skip
 #: standard deviations by which a median must exceed the last one to be slower
