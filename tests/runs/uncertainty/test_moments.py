@@ -125,7 +125,7 @@ def test_an_extreme_after_a_rise_does_not_belong_to_the_crossing() -> None:
     # the rate falls through zero near 0.23, turns at 0.303, rises to -1.2e-3 at 0.503, and falls to -2e-3 at 0.603
     bend = 20.0 * np.polynomial.Polynomial.fromroots([0.303, 0.503, 0.603])
     rate = bend.integ() - float(bend.integ()(0.603)) - 2e-3
-    way, [crossing] = rate.integ(), [float(root.real) for root in rate.roots() if 0.2 < root.real < 0.3]
+    way, [crossing] = rate.integ(), [root for root in np.real(rate.roots()).tolist() if 0.2 < root < 0.3]
     motion = (lambda t: 10.0 + way(t), rate, bend)
     assert found(*motion).time[found(*motion).stops] == pytest.approx([0.503, 0.603])
     assert not np.any(found(*motion, crossing=crossing).stops)
