@@ -274,7 +274,8 @@ def component(part: float, terms: Floats, start: Floats, i: int) -> float:
     for p in range(len(terms) - 1, -1, -1):
         y = (y + terms[p, i]) * factor
         factor, other = other, factor
-    return y + start[i]
+    value: float = y + start[i]
+    return value
 
 
 @kernel(nogil=False)
