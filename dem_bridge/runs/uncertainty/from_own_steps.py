@@ -47,17 +47,18 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
     run = partial(solve, BlanesMoan(), SRKN_6B, scene)
     main, dense = run(plan)
     cache.keep(case, main)
-    plans, others = runs_at_other_steps(case, plan, ratios, prescan, cache, lambda steps: run(steps, full=False)[0])
+    settings = case, plan, ratios, prescan, cache
+    others = runs_at_other_steps(*settings, alone=lambda steps: run(steps, full=False)[0], sampled=run)
     family = TwinFamily(
         scene=scene,
         plan=plan,
         order=ORDER,
         main=main,
-        others=others,
+        others=others.runs,
         positional=main,
         halved=run(plan, cells=CELLS // 2, full=False)[0] if scene.law is not None else None,
         readings=read_dense(scene, plan, dense, main),
         thinning=THINNING,
         scatter=SCATTER,
     )
-    return complete_family(family, watch, dense, plans, run)
+    return complete_family(family, watch, dense, others, run)

@@ -87,7 +87,8 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
     at_radius = replace(case, resolution=replace(resolution, surrogate_radius=radius, geometry="surrogate"))
 
     main = cache.load_or_solve(plain, partial(solve_plan, scene, plan))
-    plans, others = runs_at_other_steps(plain, plan, ratios, prescan, cache, partial(solve_plan, scene))
+    sampled = partial(solve_dense, scene, radius=0.0)
+    others = runs_at_other_steps(plain, plan, ratios, prescan, cache, alone=partial(solve_plan, scene), sampled=sampled)
     positional, dense = solve_dense(scene, plan, radius, tables)
     cache.keep(at_radius, positional)
     family = TwinFamily(
@@ -95,14 +96,14 @@ def _solve_family(case: Case, cache: RunCache) -> TwinFamily | None:
         plan=plan,
         order=order_on(scene),
         main=main,
-        others=others,
+        others=others.runs,
         positional=positional,
         tabled=_tabled(case, plan, tables, cache) if resolution.tables else None,
         halved=solve_plan(scene, plan, cells=CELLS // 2) if scene.law is not None else None,
         readings=read_dense(scene, plan, dense, positional),
         thinning=THINNING,
     )
-    return complete_family(family, watch, dense, plans, lambda steps: solve_dense(scene, steps, 0.0))
+    return complete_family(family, watch, dense, others, sampled)
 
 
 def _tabled(case: Case, plan: Schedule, tables: Tables, cache: RunCache) -> Trajectory:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,6 +23,8 @@ from dem_bridge.trajectory.trajectory import Cost, Trajectory
 #: part of the largest step that resolves a contact with n < 2: without it 3 of 600 collisions with n = 1.1 were outside
 #: by velocity-Verlet, by up to 1.7 uncertainties, and 1 of 591 others by Blanes and Moan's method, by 4.7
 SINGULAR = 0.1
+#: dense samples times bodies up to which those of a run at another step are kept: 60 MB
+MOST_KEPT = 1.5e6
 #: steps times bodies that the finer run takes to resolve contacts: a fifth of a second
 MOST_WORK = 1e7
 
@@ -53,35 +54,61 @@ def finer_ratio(ratio: float, scene: Scene, plan: Schedule, prescan: Prescan, re
     return min(ratio, max(resolved / phase, affordable)) if phase > 0.0 else ratio
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OtherRuns:
+    """Runs of a case at other steps, by the ratio of their step to that of the family."""
+
+    plans: dict[float, Schedule] = field(default_factory=dict)
+    runs: dict[float, Trajectory] = field(default_factory=dict)
+    dense: dict[float, Dense] = field(default_factory=dict)
+    """Dense samples of those runs that were made here and have few enough of them."""
+
+
 def runs_at_other_steps(
     case: Case,
     plan: Schedule,
     ratios: Iterable[float],
     prescan: Prescan,
     cache: RunCache,
-    solve: Callable[[Schedule], Trajectory],
-) -> tuple[dict[float, Schedule], dict[float, Trajectory]]:
-    """Return the steps and the runs of a case at about ``ratios`` times the step of ``plan``, by their actual ratio."""
-    plans, runs = {}, {}
+    *,
+    alone: Callable[[Schedule], Trajectory],
+    sampled: Callable[[Schedule], tuple[Trajectory, Dense]],
+) -> OtherRuns:
+    """Return runs of a case at about ``ratios`` times the step of ``plan``.
+
+    ``alone`` and ``sampled`` make a run on given steps, without and with its dense samples.
+    """
+    others = OtherRuns()
     for ratio in ratios:
         other = replace(case, resolution=Resolution(dt=ratio * plan.step))
         steps = fixed_step_plan(case.scene, other.resolution, case.sampling, prescan)
-        plans[steps.step / plan.step] = steps
-        runs[steps.step / plan.step] = cache.load_or_solve(other, partial(solve, steps))
-    return plans, runs
+        ratio = steps.step / plan.step
+        others.plans[ratio], made = steps, list[Dense]()
+
+        def make(steps: Schedule = steps, made: list[Dense] = made) -> Trajectory:
+            if len(steps.dense_steps) * case.scene.n_body > MOST_KEPT:
+                return alone(steps)
+            run, dense = sampled(steps)
+            made.append(dense)
+            return run
+
+        others.runs[ratio] = cache.load_or_solve(other, make)
+        if made:
+            others.dense[ratio] = made[0]
+    return others
 
 
 def complete_family(
     family: TwinFamily,
     watch: Stopwatch,
     dense: Dense,
-    plans: Mapping[float, Schedule],
+    others: OtherRuns,
     solve: Callable[[Schedule], tuple[Trajectory, Dense]],
 ) -> TwinFamily:
     """Return a family with its cost, its undecided moments, and what the runs at other steps have at these.
 
-    ``watch`` began with the first run of the family; ``dense`` are the dense samples of ``positional``; ``plans`` has
-    the other steps, by their ratio; ``solve`` makes a run on given steps, with its dense samples.
+    ``watch`` began with the first run of the family; ``dense`` are the dense samples of ``positional``; ``solve`` makes
+    a run on given steps, with its dense samples.
     """
     runs = [family.main, *family.others.values()]
     runs += [run for run in (family.positional, family.tabled, family.halved) if run not in (None, family.main)]
@@ -90,9 +117,11 @@ def complete_family(
     moments = undecided_moments(scene, family.plan, dense, seen, crossing, **sampled_uncertainty(family))
     if len(moments):
         elsewhere = {}
-        for ratio, plan in plans.items():
-            run, samples = solve(plan)
-            runs.append(run)
+        for ratio, plan in others.plans.items():
+            samples = others.dense.get(ratio)
+            if samples is None:
+                run, samples = solve(plan)
+                runs.append(run)
             elsewhere[ratio] = read_at(approach_of(scene, plan, samples), moments.contact, moments.time)
         family = replace(family, readings=replace(family.readings, moments=moments, elsewhere=elsewhere))
         moments = with_ways(moments, seen, doubt_at_moments(family).overlap)
