@@ -9,8 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.integrate import DOP853, DenseOutput
+from scipy.integrate import DOP853
 
 from dem_bridge.backends.scipy_kernels import Floats, Table, component, derivative, wave_at
 from dem_bridge.foundation.compiled import Ints, kernel
@@ -56,17 +55,18 @@ class CompiledDop853(DOP853):  # type: ignore[misc]  # scipy has no types
         return CompiledDense(self.t_old, self.t, self.y_old, terms)
 
 
-class CompiledDense(DenseOutput):  # type: ignore[misc]  # scipy has no types
+class CompiledDense:
     """Dense output of DOP853 with scipy's polynomials, ``F (7, n)``; see Hairer, Nørsett and Wanner (1993), II.6."""
 
     def __init__(self, t_old: float, t: float, y_old: Floats, terms: Floats) -> None:
-        super().__init__(t_old, t)
-        self.h, self.y_old, self.F = t - t_old, y_old, terms
+        self.t_old, self.h, self.y_old, self.F = t_old, t - t_old, y_old, terms
 
-    def _call_impl(self, t: NDArray[np.float64]) -> Floats:
-        rows = np.empty((t.size, len(self.y_old)))
-        interpolate.compiled(np.atleast_1d((t - self.t_old) / self.h), self.F, self.y_old, rows)
-        return rows.T if t.ndim else rows[0]
+    def __call__(self, t: float | Floats) -> Floats:
+        """Return the state ``(n,)`` at a time (s), or the states ``(n, n_t)`` at times ``(n_t,)``."""
+        part = np.atleast_1d((np.asarray(t) - self.t_old) / self.h)
+        rows = np.empty((len(part), len(self.y_old)))
+        interpolate.compiled(part, self.F, self.y_old, rows)
+        return rows.T if np.ndim(t) else rows[0]
 
 
 @kernel(nogil=False)
