@@ -44,9 +44,8 @@ def picture(runs: Sequence[Run]) -> str:
         f'<g transform="translate({nth % _COLUMNS * _WIDTH} {nth // _COLUMNS * _HEIGHT})">{_panel(name, runs)}</g>'
         for nth, name in enumerate(names)
     )
-    label = (
-        f"CPU time of {len(names)} pieces of work in {len(runs)} runs of the benchmarks; the table has the last run."
-    )
+    times = "one run" if len(runs) == 1 else f"{len(runs)} runs"
+    label = f"CPU time of {len(names)} pieces of work in {times} of the benchmarks; the table has the last."
     return (
         f'<svg class="bench-history" role="img" aria-label="{label}" viewBox="0 0 {_COLUMNS * _WIDTH} {rows * _HEIGHT}"'
         f' style="width: 100%; color: inherit" fill="currentColor" stroke="none" font-size="12">{"".join(panels)}</svg>'
