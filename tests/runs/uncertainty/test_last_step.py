@@ -13,6 +13,7 @@ from dem_bridge.runs.uncertainty import moments
 from dem_bridge.runs.uncertainty.from_replicas import REFERENCE, replica_uncertainty
 from dem_bridge.scene.scene import Damping, Scene
 from dem_bridge.trajectory.trajectory import Trajectory
+from tests.helpers.awkward_scenes import awkward
 from tests.helpers.fake_runs import free_flight
 from tests.helpers.many_scenes import many
 from tests.runs.uncertainty.measure_bars import try_backend
@@ -62,6 +63,19 @@ def test_a_touch_in_the_last_step_is_within_the_uncertainty(
     monkeypatch.setattr(moments, "RECENT", 0.0)
     run = db.solve(touching(0.03 * step, damping=damping), backend=backend, dt=step)
     assert max(errors(run, 0.03 * step, damping)) > 2.0
+
+
+@pytest.mark.parametrize("backend", ["scipy", "reference"])
+def test_the_last_digits_of_a_late_touch_are_in_the_uncertainty_of_its_force(backend: str) -> None:
+    # a contact of n = 1.5 closes 5e-8 s before the end at 7.6e-4 s: its force was 227 uncertainties off
+    [trial] = try_backend(backend, [(scene, truth) for scene, truth in awkward() if scene.name == "awkward-100"])
+    assert trial.ratio["peak_force"] <= 1.0
+
+
+def test_a_force_at_the_end_is_as_uncertain_as_the_time_of_its_touch() -> None:
+    run = db.solve(touching(5e-8, duration=8e-4), backend="scipy")
+    # the stiffness times the way of 2e-15 of that time; the closing rate has fallen by 2e-5 of it since the touch
+    assert float(np.max(run.uncertainty.peak_force)) >= 0.999 * STIFFNESS * SPEED * 2e-15 * 8e-4
 
 
 @pytest.mark.parametrize("backend", ["ode45", "reference", "scipy"])
