@@ -54,12 +54,17 @@ def widen_for_late_touches(uncertainty: Uncertainty, scene: Scene, run: Trajecto
     c = scene.contacts
     if scene.law is not None:
         return uncertainty
-    velocity, peak = np.append(run.velocity[-1], 0.0), run.peak_force
+    velocity, (_, tangent) = np.append(run.velocity[-1], 0.0), _at_peak(scene, run)
     rate = np.maximum(velocity[c.left] - velocity[c.right], 0.0)
-    overlap = (np.abs(peak) / c.stiffness) ** (1.0 / (c.exponent - 1.0))
-    tangent = np.divide((c.exponent - 1.0) * peak, overlap, out=np.zeros_like(peak), where=overlap > 0.0)
     late = np.where(np.isnan(run.crossing_time), tangent * rate * LATE * run.time[-1], 0.0)
     return replace(uncertainty, peak_force=np.maximum(uncertainty.peak_force, late))
+
+
+def _at_peak(scene: Scene, run: Trajectory) -> tuple[Floats, Floats]:
+    """Return overlap, m, and tangent stiffness, N/m, of each contact at its peak force; 0 where there is none."""
+    c, peak = scene.contacts, run.peak_force
+    overlap = (peak / c.stiffness) ** (1.0 / (c.exponent - 1.0))
+    return overlap, np.divide((c.exponent - 1.0) * peak, overlap, out=np.zeros_like(peak), where=overlap > 0.0)
 
 
 def common_velocity(scene: Scene, run: Trajectory) -> Floats:
@@ -103,9 +108,7 @@ def widen_for_closing_rates(uncertainty: Uncertainty, scene: Scene, run: Traject
     if not np.any(error > 0.0) or scene.law is not None:
         return uncertainty
     mobility = scene.mobility
-    both, peak = mobility[c.left] + mobility[c.right], run.peak_force
-    overlap = (peak / c.stiffness) ** (1.0 / (c.exponent - 1.0))
-    tangent = np.divide((c.exponent - 1.0) * peak, overlap, out=np.zeros_like(peak), where=overlap > 0.0)
+    both, peak, (overlap, tangent) = mobility[c.left] + mobility[c.right], run.peak_force, _at_peak(scene, run)
     impedance = np.sqrt(tangent / both) + np.where(peak > 0.0, c.damping * overlap**c.damping_power, 0.0)
     force = np.maximum(uncertainty.peak_force, error * impedance)
     crossing = np.array(np.broadcast_to(uncertainty.crossing_time, peak.shape))
