@@ -83,18 +83,13 @@ def runs_at_other_steps(
         other = replace(case, resolution=Resolution(dt=ratio * plan.step))
         steps = fixed_step_plan(case.scene, other.resolution, case.sampling, prescan)
         ratio = steps.step / plan.step
-        others.plans[ratio], made = steps, list[Dense]()
-
-        def make(steps: Schedule = steps, made: list[Dense] = made) -> Trajectory:
-            if len(steps.dense_steps) * case.scene.n_body > MOST_KEPT:
-                return alone(steps)
-            run, dense = sampled(steps)
-            made.append(dense)
-            return run
-
-        others.runs[ratio] = cache.load_or_solve(other, make)
-        if made:
-            others.dense[ratio] = made[0]
+        others.plans[ratio], run = steps, cache.load(other)
+        if run is None and len(steps.dense_steps) * case.scene.n_body > MOST_KEPT:
+            run = cache.keep(other, alone(steps))
+        elif run is None:
+            run, others.dense[ratio] = sampled(steps)
+            cache.keep(other, run)
+        others.runs[ratio] = run
     return others
 
 
