@@ -199,7 +199,7 @@ def chains_of(scene: Scene, results: Sequence[Result], *, spread: float, seed: i
 
 
 def solve_seeded(scene: Scene, *, spread: float, count: int, seed: int = 0) -> ScatteredChains:
-    """Solve the chains of :func:`cases_of` together, a thousand times faster, to :data:`SEEDED_ACCURACY`.
+    """Solve the chains of :func:`cases_of` together, in a tenth of the time, to :data:`SEEDED_ACCURACY`.
 
     Raises UnsupportedScene for forces that chains in lanes cannot have, such as adhesion or a drive.
     """
