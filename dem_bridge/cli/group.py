@@ -6,6 +6,7 @@ need them. Exit codes: 0 all checks pass, 1 a check failed, 2 wrong use or bad s
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import select
@@ -336,6 +337,7 @@ def command() -> None:
     except BrokenPipeError:
         _discard_output()
         code = PIPE_CLOSED
-    if "multiprocessing.process" in sys.modules or isinstance(code, str):
-        sys.exit(code)  # waits for child processes
+    if isinstance(code, str):
+        sys.exit(code)  # it is a message
+    atexit._run_exitfuncs()  # child processes end, and temporary folders are removed
     os._exit(code or 0)

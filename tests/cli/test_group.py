@@ -437,3 +437,26 @@ def test_a_working_folder_that_was_removed_and_a_full_disk_end_in_words(tmp_path
     assert done.returncode == 2
     assert "cannot be written (File too large)" in done.stderr
     assert not list(tmp_path.glob("*.nc"))
+
+
+def test_a_command_ends_at_once_and_leaves_no_process_behind() -> None:
+    code = """
+import atexit, multiprocessing, sys, time
+from dem_bridge.cli import group
+
+class Torn:
+    def __del__(self):
+        print("the interpreter was torn down", flush=True)
+
+torn = Torn()
+atexit.register(print, "removed", flush=True)
+child = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(60.0,), daemon=True)
+child.start()
+print(child.pid)
+group.main = sys.exit
+group.command()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30.0)
+    pid, *rest = done.stdout.splitlines()
+    assert (done.returncode, done.stderr, rest) == (0, "", ["removed"])
+    assert not Path(f"/proc/{pid}").exists()
