@@ -42,6 +42,8 @@ SUFFIX = ".run"
 DAMAGED = ".damaged"
 #: ... of one that is being written
 _PART = ".part"
+#: bytes of the first line of an entry
+_CHECKSUM = 65
 #: s for which the answer holds that the code is that of this process; it takes 3 ms
 _SAME_CODE = 1.0
 #: s, after which what a killed process of another machine left half written goes
@@ -250,6 +252,8 @@ def _packed(details: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
     if any(part.dtype.hasobject for part in parts.values()):
         raise TypeError("arrays of objects cannot be kept in the store")
     line = json.dumps({**details, "arrays": forms}).encode()
+    # numbers begin at a multiple of 8 bytes, so that they can be taken as they are
+    line += b" " * (-(_CHECKSUM + len(line) + 1) % 8)
     content = b"\n".join([line, b"".join(part.tobytes() for part in parts.values())])
     return hashlib.sha256(content).hexdigest().encode() + b"\n" + content
 
@@ -259,20 +263,24 @@ class OtherSchema(ValueError):
 
 
 def unpacked(key: str, whole: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Return the arrays and details of an entry; ValueError unless they are as written, and under that key."""
-    checksum, _, content = whole.partition(b"\n")
-    if checksum != hashlib.sha256(content).hexdigest().encode():
+    """Return the arrays and details of an entry; ValueError unless they are as written, and under that key.
+
+    The arrays are views of ``whole``: nothing is copied, because entries have megabytes.
+    """
+    first = whole.find(b"\n") + 1
+    second = whole.find(b"\n", first) + 1
+    content = memoryview(whole)[first:]
+    if not 0 < first < second or whole[: first - 1] != hashlib.sha256(content).hexdigest().encode():
         raise ValueError("its checksum does not fit")
-    line, _, body = content.partition(b"\n")
     try:
-        details = json.loads(line)
+        details = json.loads(whole[first:second])
         if details["key"] != key:
             raise ValueError("it is the entry of another key")
         if details["schema"] != SCHEMA:
             raise OtherSchema(schema_fault(details["schema"], SCHEMA))
-        arrays, start = {}, 0
+        arrays, start = {}, second
         for name, (form, shape) in details["arrays"].items():
-            arrays[name] = np.ndarray(shape, form, body, start)
+            arrays[name] = np.ndarray(shape, form, whole, start)
             start += arrays[name].nbytes
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"it is no entry of a store: {error!r}") from error

@@ -396,14 +396,30 @@ class Trajectory(_ReadOnly):
 
 
 def _array(name: str, values: Any) -> Floats:
-    """Return a copy of an array of real numbers, or raise UsageError."""
+    """Return a copy of an array of real numbers, itself where nobody can write to it, or raise UsageError."""
     try:
+        if _is_constant(values):
+            return np.asarray(values)
         if np.asarray(values).dtype.kind in "biuf":
             with np.errstate(over="ignore"):
                 return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):  # lists of unequal lengths
         pass
     raise UsageError(f"{name} is of type {type(values).__name__}; allowed: an array of real numbers")
+
+
+def _is_constant(values: Any) -> bool:
+    """Return True for an array of doubles that cannot be written to, neither by itself nor by what it is a view of."""
+    if type(values) is not np.ndarray or values.dtype != np.float64:
+        return False
+    if not (values.flags.aligned and values.flags.forc):  # sums over another layout have other last digits
+        return False
+    owner: Any = values
+    while isinstance(owner, np.ndarray):
+        if owner.flags.writeable:
+            return False
+        owner = owner.base
+    return owner is None or isinstance(owner, bytes)
 
 
 def cost_as_json(cost: Cost) -> dict[str, Any]:

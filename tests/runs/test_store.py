@@ -140,6 +140,18 @@ def test_arrays_come_back_bit_for_bit(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.parametrize("length", range(8))
+def test_the_numbers_of_an_entry_are_taken_as_they_are_in_its_file(length: int, tmp_path: Path) -> None:
+    store, run = Store(tmp_path), _run()
+    named = replace(run, provenance={**run.provenance, "note": "." * length})
+    store.save(KEY, named)
+    found = store.load(KEY, SCENE)
+    assert found is not None
+    assert found.velocity.flags.aligned
+    assert not found.velocity.flags.owndata
+    _same_bits(found, named)
+
+
 def _is_not_trusted(store: Store, whole: bytes) -> None:
     [file] = store.folder.glob("*.run")
     file.write_bytes(whole)

@@ -8,7 +8,7 @@ import math
 import pickle
 import subprocess
 import sys
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +71,30 @@ def test_a_trajectory_does_not_share_memory_with_what_it_was_made_of() -> None:
     run = free_flight(velocity=velocity)
     velocity[0, 0] = 7.0
     assert run.velocity[0, 0] == 1.0
+
+
+def test_an_array_that_can_still_be_written_to_by_its_owner_is_copied() -> None:
+    owner = np.ones((5, 3))
+    seen = owner.view()
+    seen.setflags(write=False)
+    of_others = np.frombuffer(bytearray(owner.tobytes())).reshape(5, 3)
+    of_others.setflags(write=False)
+    for array in (seen, of_others):
+        assert not np.shares_memory(free_flight(velocity=array).velocity, array)
+
+
+def test_arrays_that_nobody_can_write_to_are_shared() -> None:
+    run = free_flight()
+    again = replace(run, provenance={"backend": "other"})
+    assert all(np.shares_memory(getattr(again, name), getattr(run, name)) for name in ARRAYS if getattr(run, name).size)
+    content = np.frombuffer(b"\0" + np.ones((5, 3)).tobytes(), np.uint8)
+    aligned, shifted = content[1:].tobytes(), content.tobytes()
+    velocity = np.frombuffer(aligned).reshape(5, 3)
+    assert np.shares_memory(free_flight(velocity=velocity).velocity, velocity)
+    # sums over numbers that are not aligned, or have gaps, may differ in their last digits
+    assert free_flight(velocity=np.frombuffer(shifted, offset=1).reshape(5, 3)).velocity.flags.aligned
+    gaps = np.frombuffer(np.ones((5, 6)).tobytes()).reshape(5, 6)[:, ::2]
+    assert free_flight(velocity=gaps).velocity.flags.c_contiguous
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -67,8 +67,13 @@ def hertz_stiffness(scene: Scene, law: Literal["paper", "exact"] = "exact") -> t
 
     ``law``: of crossed cylinders; "paper" has eq. 3.1's axis ratio.
     """
-    geometry = geometry_of(scene)
-    return tuple(rounded(geometry.contact(k, law).stiffness) for k in range(scene.n_body - 1))
+    return _hertz_stiffness(geometry_of(scene), law)
+
+
+@lru_cache(maxsize=64)
+def _hertz_stiffness(geometry: Geometry, law: Literal["paper", "exact"]) -> tuple[float, ...]:
+    """Return the same of a geometry; models of one chain share it, and elliptic integrals take their time."""
+    return tuple(rounded(geometry.contact(k, law).stiffness) for k in range(len(geometry.bodies) - 1))
 
 
 def crossed(scene: Scene) -> bool:
