@@ -10,7 +10,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard, cast
 
 from dem_bridge.errors import SceneError, UsageError, shown
 
@@ -235,3 +235,40 @@ def checked_numbers(
         if np.all((array > above) & (array >= smallest) & (array <= bounds.get("at_most", LARGEST))):
             return tuple(values)
     return tuple(checked_number(f"{key}[{i}]", value, allowed, **bounds) for i, value in enumerate(values))
+
+
+def constant_doubles(name: str, values: Any) -> NDArray[np.float64]:
+    """Return an array of real numbers as doubles that cannot be written to: itself where nobody can, or a copy.
+
+    Raises UsageError for anything but an array of real numbers.
+
+    >>> bool(constant_doubles("times", [1, 2]).flags.writeable)
+    False
+    """
+    import numpy as np
+
+    try:
+        if np.asarray(values).dtype.kind in "biuf":
+            with np.errstate(over="ignore"):
+                array = values if _is_constant(values) else np.array(values, dtype=np.float64)
+            array.setflags(write=False)
+            return cast("NDArray[np.float64]", array)
+    except (TypeError, ValueError):  # lists of unequal lengths
+        pass
+    raise UsageError(f"{name} is of type {type(values).__name__}; allowed: an array of real numbers")
+
+
+def _is_constant(values: Any) -> bool:
+    """Return True for an array of doubles that cannot be written to, neither by itself nor by what it is a view of."""
+    import numpy as np
+
+    if type(values) is not np.ndarray or values.dtype != np.float64:
+        return False
+    if not (values.flags.aligned and values.flags.forc):  # sums over another layout have other last digits
+        return False
+    owner: Any = values
+    while isinstance(owner, np.ndarray):
+        if owner.flags.writeable:
+            return False
+        owner = owner.base
+    return owner is None or isinstance(owner, bytes)

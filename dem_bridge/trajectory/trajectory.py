@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dem_bridge.errors import UsageError
 from dem_bridge.foundation.arguments import check_arguments, is_path
 from dem_bridge.foundation.files import check_file, write_whole
+from dem_bridge.foundation.numbers import constant_doubles
 from dem_bridge.foundation.stopwatch import Stopwatch
 from dem_bridge.trajectory.relative import own_scale
 from dem_bridge.version import schema_fault
@@ -233,7 +234,7 @@ class Trajectory(_ReadOnly):
 
     def __post_init__(self) -> None:
         check_arguments(type(self), vars(self))
-        arrays = {name: _array(name, getattr(self, name)) for name in ("time", *VOCABULARY)}
+        arrays = {name: constant_doubles(name, getattr(self, name)) for name in ("time", *VOCABULARY)}
         last = {name: (0, *array.shape)[-1] for name, array in arrays.items()}
         n_t, n_body, n_contact = last["time"], last["velocity"], last["peak_force"]
         sizes = {"time": n_t, "body": n_body, "contact": n_contact}
@@ -241,7 +242,6 @@ class Trajectory(_ReadOnly):
             dims = VOCABULARY[name][2] if name in VOCABULARY else ("time",)
             if array.shape != (expected := tuple(sizes[d] for d in dims)):
                 raise UsageError(f"{name} has shape {array.shape}; a trajectory needs {expected}")
-            array.setflags(write=False)
             object.__setattr__(self, name, array)
         object.__setattr__(self, "uncertainty", self.uncertainty.of_contacts(n_contact))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
@@ -393,33 +393,6 @@ class Trajectory(_ReadOnly):
         check_file(path)
         content = netcdf_bytes(self._coordinates() | self._variables(), self._attributes())
         write_whole(path.parent, {path.name: content})
-
-
-def _array(name: str, values: Any) -> Floats:
-    """Return a copy of an array of real numbers, itself where nobody can write to it, or raise UsageError."""
-    try:
-        if _is_constant(values):
-            return np.asarray(values)
-        if np.asarray(values).dtype.kind in "biuf":
-            with np.errstate(over="ignore"):
-                return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):  # lists of unequal lengths
-        pass
-    raise UsageError(f"{name} is of type {type(values).__name__}; allowed: an array of real numbers")
-
-
-def _is_constant(values: Any) -> bool:
-    """Return True for an array of doubles that cannot be written to, neither by itself nor by what it is a view of."""
-    if type(values) is not np.ndarray or values.dtype != np.float64:
-        return False
-    if not (values.flags.aligned and values.flags.forc):  # sums over another layout have other last digits
-        return False
-    owner: Any = values
-    while isinstance(owner, np.ndarray):
-        if owner.flags.writeable:
-            return False
-        owner = owner.base
-    return owner is None or isinstance(owner, bytes)
 
 
 def cost_as_json(cost: Cost) -> dict[str, Any]:
