@@ -35,7 +35,7 @@ def texts_of(words: Sequence[Any]) -> NDArray[np.bytes_]:
     Raise UsageError if a long word would make the array too large, or for signs beyond ASCII, such as Arabic digits.
     """
     rows = words if words and isinstance(words[0], list | tuple) else [words]
-    check_texts(sum(map(len, rows)), max((len(word) for row in rows for word in row), default=0))
+    check_texts(sum(map(len, rows)), max((max(map(len, row), default=0) for row in rows), default=0))
     try:
         return np.array(words, dtype=np.bytes_)
     except UnicodeEncodeError as error:
@@ -60,7 +60,7 @@ def numbers(values: NDArray[Any]) -> tuple[Floats, Floats]:
         array = np.asarray(values, dtype=np.float64)
         return array, np.where(np.isfinite(array), rounding_of_values(values), 0.0)
     missing = values == b""
-    texts = np.where(missing, b"nan", values)
+    texts = np.where(missing, b"nan", values) if np.any(missing) else values
     try:
         array = texts.astype(np.float64)
     except ValueError:  # the exponents of Fortran, 1.0D-03

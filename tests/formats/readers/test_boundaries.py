@@ -18,6 +18,7 @@ from dem_bridge.formats.readers import read_record
 from dem_bridge.formats.readers.headings import Heading, heading_of
 from dem_bridge.formats.readers.read import with_step
 from dem_bridge.formats.readers.rounding import numbers, restored_times, rounding_error, rounding_of_values
+from dem_bridge.formats.readers.tables import read_text
 from dem_bridge.scene.scene import Scene
 from tests.helpers.export_chains import CROSSED, PAIR
 from tests.helpers.export_runs import foreign_dump, made_up
@@ -276,3 +277,29 @@ def test_times_of_no_known_interval_have_the_roundest_or_the_middle(
     np.testing.assert_allclose(error, np.minimum(left * order, rounding), rtol=0.5, atol=1e-15)
     assert sentence is not None
     assert sentence.startswith("times have few digits and are multiples of 0.0")
+
+
+def _read_table(text: str) -> tuple[list[list[bytes]], list[str]] | str:
+    """Return the cells and notes of a table, or why it is refused."""
+    try:
+        table = read_text(text)
+    except UsageError as error:
+        return str(error)
+    return [entry.values.tolist() for entry in table.entries], table.notes
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+@pytest.mark.parametrize(
+    "cell",
+    ["2", "+2.", "-.5", "2e3", "2.5E-03", "1.0D+2", "NaN", "-inf", "Infinity", "", ".", "2e", "--2", "1_0", "0x2",
+     "infi", "2 3", "\N{ARABIC-INDIC DIGIT TWO}", '"2"', "2" * 500],
+)  # fmt: skip
+def test_rows_of_plain_numbers_are_read_as_rows_with_blanks_are(cell: str, mark: str) -> None:
+    text = f"t{mark}v0{mark}v1\n0{mark}1{mark}0\n1{mark}{cell}{mark}3\n2{mark}4{mark}5\n"
+    with_blanks = text.replace(f"2{mark}4", f"2 {mark}4")
+    assert _read_table(text) == _read_table(with_blanks)
+
+
+@pytest.mark.parametrize("text", ["t,v0\n0,1\n1,2,3\n", "t,v0\n0,1\n1\n", "t;v0\n0;1,5\n1;2,5\n", "t,\n0,\n1,\n"])
+def test_rows_of_another_length_and_decimal_commas_are_seen_among_plain_numbers(text: str) -> None:
+    assert _read_table(text) == _read_table(text.replace("\n1", "\n 1"))
