@@ -8,23 +8,22 @@ from __future__ import annotations
 import os
 import pickle
 import random
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.foundation.leftovers import sweep_temporary
-from dem_bridge.foundation.progress import Campaign, Interrupted, campaign, listening, stop_requested
+from dem_bridge.foundation.progress import Campaign, Interrupted, campaign
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign.executors import Jobs, fingerprint_of, run_by_executor
+from dem_bridge.runs.campaign.here import can_run_beside, run_here
 from dem_bridge.runs.campaign.nodes import Graph, Groups, Node, Run
 from dem_bridge.runs.campaign.pool import run_in_processes
 from dem_bridge.runs.campaign.results import Progress, Result, run_case
-from dem_bridge.runs.campaign.tasks import Outcome, Task, is_stored, key_where_made, lock_of, perform_task, with_run
+from dem_bridge.runs.campaign.tasks import Outcome, Task, key_where_made
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.digits import fingerprint, made_at
 from dem_bridge.runs.store import Store
@@ -294,20 +293,9 @@ def _outcomes(
     else:
         away = []
     gone = {task.name for task in away}
-    here = deque(task for task in tasks if task.name not in gone)
-    while here and not stop_requested():
-        task = here.popleft()
-        label = task.case.label
-        say(label, 0.0)
-        state.update(running=(label,))
-        with lock_of(task) as free:
-            if not free:  # another campaign is at it
-                here.append(replace(task, waits=True))
-                continue
-            with listening(partial(_within, say, label, task.case.expected)):
-                stored = with_run(task, Outcome(kept=True)) if is_stored(task) else None
-                outcome = stored or perform_task(replace(task, folder=None, here=True))
-            yield task, outcome  # it is stored before the lock ends
+    here = [task for task in tasks if task.name not in gone]
+    beside = not away and not isinstance(jobs, Executor) and can_run_beside(jobs, [task.case for task in here])
+    yield from run_here(here, say, state, beside=beside)
 
 
 def count_workers(jobs: int | None, cases: Iterable[Case]) -> int:
@@ -341,7 +329,3 @@ def _as_of(case: Case, result: Result) -> Result:
     if run is not None and result.case.scene.name != name:
         run = replace(run, provenance={**run.provenance, "scene": name})
     return replace(result, case=case, trajectory=run)
-
-
-def _within(say: Callable[[str, float], None], label: str, expected: float, part: float) -> None:
-    say(label, part * expected)

@@ -20,7 +20,7 @@ from dem_bridge.errors import RunBroken, UnsupportedScene
 from dem_bridge.foundation.progress import Campaign, report, watching
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.runs.cache import RunCache
-from dem_bridge.runs.campaign import Crashed, executors, fingerprint_of, map_in_threads, pool, run, run_cases
+from dem_bridge.runs.campaign import Crashed, executors, fingerprint_of, here, map_in_threads, pool, run, run_cases
 from dem_bridge.runs.campaign.results import run_case
 from dem_bridge.runs.campaign.tasks import Outcome, Task, Work, perform_task
 from dem_bridge.runs.case import Case
@@ -316,7 +316,7 @@ def test_progress_follows_the_part_of_a_run_that_is_done(monkeypatch: pytest.Mon
         report(0.5)
         return Outcome(failure=RunBroken("half"))
 
-    monkeypatch.setattr(run, "perform_task", half)
+    monkeypatch.setattr(here, "perform_task", half)
     done: list[float] = []
     run_cases([short_case(), short_case(dt=9.9e-7)], progress=lambda part, *_: done.append(part))
     assert done == pytest.approx([0.0, 0.5, 1.0, 1.0, 1.5, 2.0, 2.0], rel=0.05)
@@ -338,7 +338,7 @@ def _tasks_here(cases: Sequence[Case], monkeypatch: pytest.MonkeyPatch, **settin
         shared.setdefault(f"{task.case.backend} {step or task.case.resolution.rtol:g}", []).append(task.shared)
         return perform_task(task)
 
-    monkeypatch.setattr(run, "perform_task", watched)
+    monkeypatch.setattr(here, "perform_task", watched)
     run_cases(cases, **settings)
     return shared
 

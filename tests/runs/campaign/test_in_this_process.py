@@ -28,6 +28,7 @@ from dem_bridge.runs.campaign import (
     Crashed,
     executors,
     fingerprint_of,
+    here,
     map_in_threads,
     pool,
     run,
@@ -452,7 +453,7 @@ def test_a_stop_ends_a_campaign_and_says_what_is_kept(
     stored: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = iter([False, True, True, True])
-    monkeypatch.setattr(run, "stop_requested", lambda: next(asked))
+    monkeypatch.setattr(here, "stop_requested", lambda: next(asked))
     kept = "they are kept, and a second call goes on" if stored else "they are not kept"
     with pytest.raises(Interrupted, match=f"^interrupted after 1 of 2 runs; {kept}$"):
         run_cases([short_case(), short_case(dt=5e-7)], store=Store(tmp_path) if stored else None)

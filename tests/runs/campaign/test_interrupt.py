@@ -21,7 +21,7 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.cli import waiting
 from dem_bridge.foundation import progress
 from dem_bridge.foundation.progress import Campaign, Interrupted, request_stop, withdraw_stop
-from dem_bridge.runs.campaign import run, run_cases
+from dem_bridge.runs.campaign import here, run_cases
 from dem_bridge.runs.campaign.tasks import Outcome, Task, broken, perform_task
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
@@ -144,7 +144,7 @@ def test_an_executor_begins_no_more_than_it_has(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("stopped")
 def test_a_campaign_that_hears_of_no_stop_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     # the fault that the tests above catch
-    monkeypatch.setattr(run, "stop_requested", lambda: False)
+    monkeypatch.setattr(here, "stop_requested", lambda: False)
     assert len(run_cases(_cases(3))) == 3
 
 
@@ -192,7 +192,7 @@ def test_broken_runs_are_counted_and_the_counts_add_up(
     def perform(task: Task) -> Outcome:
         return broken("it broke", "log") if task.case == cases[1] else perform_task(task)
 
-    monkeypatch.setattr(run, "perform_task", perform)
+    monkeypatch.setattr(here, "perform_task", perform)
     with waiting.bar(True) as callback:
         run_cases(cases, progress=callback)
     lines: list[dict[str, Any]] = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
