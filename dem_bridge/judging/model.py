@@ -120,12 +120,12 @@ class Model:
         self._kept_memory += memory
 
     def _integrated(self, system: System, times: Floats, tolerance: float) -> Motion:
-        line, rest = (
-            plain_kernels.line_of(system),
-            (np.array(times, dtype=np.float64), self.speed, tolerance, *self._pair),
-        )
+        line, power = plain_kernels.line_of(system), plain_kernels.power_of(system)
+        rest = (np.array(times, dtype=np.float64), self.speed, tolerance, *self._pair)
         *motion, end = (
-            kernels.adaptive(system, *rest) if line is None else plain_kernels.adaptive(line, system.first_step, *rest)
+            kernels.adaptive(system, *rest)
+            if line is None
+            else plain_kernels.adaptive(line, power, system.first_step, *rest)
         )
         if system is self.system and end < times[-1]:
             raise MotionTooLong(
@@ -136,12 +136,12 @@ class Model:
 
     def stepped(self, system: System, steps: NDArray[np.int64], dt: float, method: int = kernels.VERLET) -> Motion:
         """Return the motion after ``steps`` steps of ``dt`` (s) by a method of :mod:`.kernels`."""
-        line = plain_kernels.line_of(system)
+        line, power = plain_kernels.line_of(system), plain_kernels.power_of(system)
         if line is None or method not in plain_kernels.METHODS:
             return Motion(*kernels.fixed(system, steps, dt, method, self.speed))
         if method == kernels.RK4:
-            return Motion(*plain_kernels.runge_kutta(line, steps, dt, self.speed))
-        return Motion(*plain_kernels.fixed(line, steps, dt, method))
+            return Motion(*plain_kernels.runge_kutta(line, power, steps, dt, self.speed))
+        return Motion(*plain_kernels.fixed(line, power, steps, dt, method))
 
     def stepped_at(self, system: System, times: Floats, dt: float, method: int = kernels.VERLET) -> Motion:
         """Return the motion at ``times`` (s) by steps of ``dt`` (s), interpolated where times are between steps.

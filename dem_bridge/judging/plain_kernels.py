@@ -1,7 +1,9 @@
-"""Compiled motion of chains of Hertz's law alone: bit for bit what :mod:`.kernels` answers, several times sooner.
+"""Compiled motion of chains of powers of the overlap: bit for bit what :mod:`.kernels` answers, several times sooner.
 
 No contact damps, pulls or adheres, and no body is driven. A step of a fixed-step method is one loop along the line,
-which compilers make vectors of. Arrays are along the line as in :mod:`.kernels`.
+which compilers make vectors of. Other powers than Hertz's are taken of the few contacts that are closed. Each kernel is
+compiled for Hertz's law alone, where ``power`` is None, and for other powers. Arrays are along the line as in
+:mod:`.kernels`.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ _LOOK = 8
 
 
 class Line(NamedTuple):
-    """The numbers of a chain of Hertz's law alone; see :class:`~dem_bridge.judging.kernels.System`."""
+    """The numbers of a chain of powers of the overlap; see :class:`~dem_bridge.judging.kernels.System`."""
 
     mass: Floats
     velocity: Floats
@@ -31,41 +33,58 @@ class Line(NamedTuple):
 
 
 def line_of(system: System) -> Line | None:
-    """Return the numbers of a system of Hertz's law alone; None if it has anything else."""
+    """Return the numbers of a system whose forces are powers of the overlap alone; None if it has anything else."""
     driven = system.driven
     moved = driven.amplitude != 0.0 or len(driven.values) > 0 or driven.piston.moves
-    if moved or not system.hertz or system.damped or system.adhesive or system.pulls:
+    if moved or system.damped or system.adhesive or system.pulls:
         return None
     return Line(system.mass, system.velocity, system.free, system.stiffness, system.gap, system.drag)
 
 
+def power_of(system: System) -> Floats | None:
+    """Return the power of the overlap that is the force of each contact; None if all contacts are Hertz's."""
+    return None if system.hertz else system.exponent - 1.0
+
+
 @kernel(nogil=False)
-def press(x: Floats, count: int, line: Line, f: Floats) -> None:
+def raise_overlaps(count: int, line: Line, power: Floats, f: Floats) -> None:
+    """Write the forces of the contacts up to ``count`` in place of their overlaps in ``f``, 0 where they are open."""
+    for j in range(count + 1):
+        if f[j] > 0.0:
+            f[j] = line.stiffness[j] * f[j] ** power[j]
+
+
+@kernel(nogil=False)
+def press(x: Floats, count: int, line: Line, power: Floats | None, f: Floats) -> None:
     """Write the forces (N) of the contacts in front of the first ``count`` bodies, and of the next one, into ``f``."""
     stiffness, gap, behind = line.stiffness, line.gap, 0.0
     for j in range(count):
         here = x[j]
         depth = behind - here - gap[j]
         closed = depth if depth > 0.0 else 0.0
-        f[j] = stiffness[j] * closed * np.sqrt(closed)
+        f[j] = stiffness[j] * closed * np.sqrt(closed) if power is None else closed
         behind = here
     depth = behind - x[count] - gap[count] if count < len(x) else behind - gap[count]
     closed = depth if depth > 0.0 else 0.0
-    f[count] = stiffness[count] * closed * np.sqrt(closed)
+    f[count] = stiffness[count] * closed * np.sqrt(closed) if power is None else closed
+    if power is not None:
+        raise_overlaps(count, line, power, f)
 
 
 @kernel(nogil=False)
-def accelerate(x: Floats, v: Floats, count: int, line: Line, f: Floats, a: Floats) -> None:
+def accelerate(x: Floats, v: Floats, count: int, line: Line, power: Floats | None, f: Floats, a: Floats) -> None:
     """Write the accelerations (m/s^2) of the first ``count`` bodies into ``a``, and the forces into ``f``."""
     mass, free, drag = line.mass, line.free, line.drag
-    press(x, count, line, f)
+    press(x, count, line, power, f)
     for i in range(count):
         # this division does not look for a mass of zero, which would keep the loop from becoming vectors
         a[i] = np.divide(f[i] - f[i + 1], mass[i]) + free[i] - drag * v[i]
 
 
 @kernel()
-def fixed(line: Line, steps: Ints, dt: float, method: int) -> tuple[Floats, Floats, Floats, Floats]:
+def fixed(
+    line: Line, power: Floats | None, steps: Ints, dt: float, method: int
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return what :func:`.kernels.fixed` does, by velocity Verlet or by the leapfrog that starts with a drift.
 
     An evaluation of the forces ends with ``f``; the kick by it is in the loop of the next one.
@@ -74,7 +93,7 @@ def fixed(line: Line, steps: Ints, dt: float, method: int) -> tuple[Floats, Floa
     n, rows, kicks, half = len(mass), len(steps), method == VERLET, 0.5 * dt
     x, v, f, begins = np.zeros(n), velocity.copy(), np.zeros(n + 1), np.zeros(n)
     out_x, out_v, out_a, out_f = np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, n + 1))
-    accelerate(x, v, n, line, f, begins)
+    accelerate(x, v, n, line, power, f, begins)
     step, front = 0, 0
     for i in range(n):
         if v[i] != 0.0 or begins[i] != 0.0:
@@ -103,34 +122,38 @@ def fixed(line: Line, steps: Ints, dt: float, method: int) -> tuple[Floats, Floa
                     x[i], v[i] = here, u
                     depth = behind - here - gap[i]
                     closed = depth if depth > 0.0 else 0.0
-                    f[i] = stiffness[i] * closed * np.sqrt(closed)
+                    f[i] = stiffness[i] * closed * np.sqrt(closed) if power is None else closed
                     pushed, behind = ahead, here
                 depth = behind - x[count] - gap[count] if count < n else behind - gap[n]
                 closed = depth if depth > 0.0 else 0.0
-                f[count] = stiffness[count] * closed * np.sqrt(closed)
+                f[count] = stiffness[count] * closed * np.sqrt(closed) if power is None else closed
+                if power is not None:
+                    raise_overlaps(count, line, power, f)
             step += together
             while count > front and x[count - 1] == 0.0 and v[count - 1] == 0.0 and f[count] == 0.0:
                 count -= 1
             front = count
-        accelerate(x, v, n, line, f, out_a[row])
+        accelerate(x, v, n, line, power, f, out_a[row])
         out_x[row], out_v[row], out_f[row] = x, v, f
         if step > 0 and kicks:
             out_v[row] += half * out_a[row]
         elif step > 0:
             out_v[row] += dt * out_a[row]
             out_x[row] += half * out_v[row]
-            accelerate(out_x[row], out_v[row], n, line, out_f[row], out_a[row])
+            accelerate(out_x[row], out_v[row], n, line, power, out_f[row], out_a[row])
     return out_x, out_v, out_a, out_f
 
 
 @kernel()
-def runge_kutta(line: Line, steps: Ints, dt: float, speed: float) -> tuple[Floats, Floats, Floats, Floats]:
+def runge_kutta(
+    line: Line, power: Floats | None, steps: Ints, dt: float, speed: float
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return what :func:`.kernels.fixed` does, by the classical Runge-Kutta method."""
     n, rows = len(line.mass), len(steps)
     x, v, a, f = np.zeros(n), line.velocity.copy(), np.zeros(n), np.zeros(n + 1)
     out_x, out_v, out_a, out_f = np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, n + 1))
     kv, ka, px = np.zeros((4, n)), np.zeros((4, n)), np.zeros(n)
-    accelerate(x, v, n, line, f, a)
+    accelerate(x, v, n, line, power, f, a)
     count, step = reached(v, a, 0, speed), 0
     for row in range(rows):
         while step < steps[row]:
@@ -139,13 +162,13 @@ def runge_kutta(line: Line, steps: Ints, dt: float, speed: float) -> tuple[Float
                 for i in range(count):
                     px[i] = x[i] + part * kv[stage - 1, i]
                     kv[stage, i] = v[i] + part * ka[stage - 1, i]
-                accelerate(px, kv[stage], count, line, f, ka[stage])
+                accelerate(px, kv[stage], count, line, power, f, ka[stage])
             for i in range(count):
                 x[i] += dt / 6.0 * (kv[0, i] + 2.0 * (kv[1, i] + kv[2, i]) + kv[3, i])
                 v[i] += dt / 6.0 * (ka[0, i] + 2.0 * (ka[1, i] + ka[2, i]) + ka[3, i])
             step += 1
             count = reached(v, a, count, speed)
-        accelerate(x, v, n, line, f, a)
+        accelerate(x, v, n, line, power, f, a)
         out_x[row], out_v[row], out_a[row], out_f[row] = x, v, a, f
     return out_x, out_v, out_a, out_f
 
@@ -174,7 +197,7 @@ def add_stages(x: Floats, v: Floats, kv: Floats, ka: Floats, h: float, weights: 
 
 @kernel()
 def adaptive(
-    line: Line, first_step: float, times: Floats, speed: float, tolerance: float,
+    line: Line, power: Floats | None, first_step: float, times: Floats, speed: float, tolerance: float,
     method: Floats, weights: Floats, errors: Floats,
 ) -> tuple[Floats, Floats, Floats, Floats, float]:  # fmt: skip
     """Return what :func:`.kernels.adaptive` does: the motion at ``times`` by the pair of order 8."""
@@ -189,7 +212,7 @@ def adaptive(
         for j in range(stage):
             used[stage, number[stage]] = j
             number[stage] += every[stage, j] != 0.0
-    accelerate(x, v, n, line, f, a)
+    accelerate(x, v, n, line, power, f, a)
     count = reached(v, a, 0, speed)
     t, steps, size = 0.0, 0, first_step
     for row in range(rows):
@@ -206,7 +229,7 @@ def adaptive(
                 for i in range(count):
                     new_x[i], kv[stage, i] = x[i], v[i]
                 add_stages(new_x, kv[stage], kv, ka, h, every[stage], used[stage, : number[stage]], count)
-                accelerate(new_x, kv[stage], count, line, f, ka[stage])
+                accelerate(new_x, kv[stage], count, line, power, f, ka[stage])
             ratio = largest_error(ka, errors, h, count, third, fifth) / (tolerance * speed)
             if not ratio < np.inf:
                 # the motion of such numbers is none
@@ -220,6 +243,6 @@ def adaptive(
                 size = max(size, h * grown) if lands and h < 0.5 * size else h * grown
             else:
                 size = h * max(0.1, 0.9 * ratio**-0.125)
-        press(x, n, line, f)
+        press(x, n, line, power, f)
         out_x[row], out_v[row], out_a[row], out_f[row] = x, v, a, f
     return out_x, out_v, out_a, out_f, times[-1]
