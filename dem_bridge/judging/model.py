@@ -143,15 +143,20 @@ class Model:
             return Motion(*plain_kernels.runge_kutta(line, power, steps, dt, self.speed))
         return Motion(*plain_kernels.fixed(line, power, steps, dt, method))
 
-    def stepped_at(self, system: System, times: Floats, dt: float, method: int = kernels.VERLET) -> Motion:
+    def stepped_at(
+        self, system: System, times: Floats, dt: float, method: int = kernels.VERLET, rows: int | None = None
+    ) -> Motion:
         """Return the motion at ``times`` (s) by steps of ``dt`` (s), interpolated where times are between steps.
 
         The interpolation is Hermite's of third degree, in displacements by velocities, in velocities by accelerations.
+        With ``rows`` the motion ends after so many of the times, at which it is the same.
         """
         place = times / dt
         below = np.floor(place + 1e-5).astype(np.int64)
         fraction = place - below
-        if np.max(np.abs(fraction)) < 2e-5 + 1e-9 * float(np.max(place)):
+        on_steps = np.max(np.abs(fraction)) < 2e-5 + 1e-9 * float(np.max(place))
+        below, fraction = below[:rows], fraction[:rows]
+        if on_steps:
             return self.stepped(system, below, dt, method)
         steps, inverse = np.unique(np.concatenate([below, below + 1]), return_inverse=True)
         motion = self.stepped(system, steps, dt, method)

@@ -184,6 +184,14 @@ class FileErrors:
         body = left if left < scene.n_body else right
         return {"time": time, "body": body, "quantity": part.quantity, "contact": place}
 
+    def until(self, rows: int) -> FileErrors:
+        """Return the errors of the first ``rows`` samples; the record is that of all."""
+        parts = {
+            name: replace(part, error=part.error[:rows], explained=part.explained[:rows])
+            for name, part in self.quantities.items()
+        }
+        return replace(self, quantities=parts)
+
 
 def file_errors(scene: Scene, records: Sequence[Record]) -> tuple[FileErrors, ...]:
     """Return the errors of each file; one solution of the reference serves all of them."""

@@ -159,18 +159,27 @@ def errors_by_step(scene: Scene, diagnosis: Diagnosis, file: FileErrors) -> dict
         return None
     model, time = Model(scene), np.maximum(file.record.time, 0.0)
     exact = _quantities(scene, model.exact(model.system, time, TOLERANCE_OF_DECISION))
-    best: tuple[float, dict[str, Floats]] | None = None
-    for method, step in steppings:
-        if time[-1] / step > MOST_STEPS_OF_METHOD:
-            continue
+
+    def by(stepping: Stepping, rows: int) -> tuple[float, dict[str, Floats]]:
+        """Return when the first ``rows`` samples of the file leave a method, and the errors of the method at them."""
+        method, step = stepping
         with np.errstate(all="ignore"):
-            stepped = _quantities(scene, model.stepped_at(model.system, time, step, method))
-        by_step = {name: (stepped[name] - exact[name])[:, list(part.columns)] for name, part in file.quantities.items()}
-        first = file.first_divergence(scene, by_step)
-        when = math.inf if first is None else float(first["time"])
-        if best is None or when > best[0]:
-            best = when, by_step
-        if when > float(unexplained["time"]):
+            stepped = _quantities(scene, model.stepped_at(model.system, time, step, method, rows))
+        by_step = {
+            name: (stepped[name] - exact[name][:rows])[:, list(part.columns)] for name, part in file.quantities.items()
+        }
+        first = file.until(rows).first_divergence(scene, by_step)
+        return math.inf if first is None else float(first["time"]), by_step
+
+    best: tuple[float, dict[str, Floats]] | None = None
+    for stepping in steppings:
+        if time[-1] / stepping.dt > MOST_STEPS_OF_METHOD:
+            continue
+        # a method that the file leaves no later than another one need not be followed to the end
+        if best is None or by(stepping, int(np.searchsorted(time, best[0], side="right")))[0] > best[0]:
+            candidate = by(stepping, len(time))
+            best = candidate if best is None or candidate[0] > best[0] else best
+        if best[0] > float(unexplained["time"]):
             break
     return None if best is None else best[1]
 

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.judging.step import predict_step_error
+from dem_bridge.formats.readers import Record
+from dem_bridge.judging.decision import METHODS_OF_RIGHT_CODES
+from dem_bridge.judging.diagnosis import Diagnosis
+from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION
+from dem_bridge.judging.kernels import DRIFT_FIRST, RK4, VERLET
+from dem_bridge.judging.model import Model
+from dem_bridge.judging.reference import file_errors
+from dem_bridge.judging.step import errors_by_step, predict_step_error
 from dem_bridge.physics.contact_law import law_of
 
 PAIR = db.Scene(name="pair", duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=80)
@@ -73,3 +80,41 @@ def test_a_step_that_resolves_nothing_has_an_error_and_largest_steps() -> None:
 def test_a_law_that_is_a_function_has_no_predicted_error() -> None:
     law = law_of(lambda overlap: overlap**1.5, reach=1e-3)
     assert predict_step_error(replace(PAIR, law=law), 1e-7) is None
+
+
+@pytest.mark.parametrize(
+    ("method", "wrong_from", "expected"),
+    [
+        (VERLET, 60, VERLET),
+        (DRIFT_FIRST, 60, DRIFT_FIRST),
+        (RK4, 60, RK4),
+        (RK4, 1, VERLET),
+        (DRIFT_FIRST, 2, DRIFT_FIRST),
+    ],
+)
+def test_errors_of_the_step_are_those_of_the_method_with_which_a_wrong_file_agrees_longest(
+    method: int, wrong_from: int, expected: int
+) -> None:
+    model, time, dt = Model(CHAIN), np.linspace(0.0, CHAIN.duration, 101), CHAIN.duration / 1000
+    velocity = (
+        model.stepped_at(model.system, time, dt, method).velocity + 1e-3 * (np.arange(101) >= wrong_from)[:, None]
+    )
+    record = Record(
+        name="file", time=time, values={"velocity": velocity}, columns={"velocity": tuple(range(CHAIN.n_body))}, dt=dt,
+        rounding={"velocity": np.full_like(velocity, 1e-13), "time": np.zeros(101)},
+    )  # fmt: skip
+    errors = errors_by_step(CHAIN, Diagnosis(cause="unknown", evidence=""), file_errors(CHAIN, [record])[0])
+    assert errors is not None
+    exact = model.exact(model.system, time, TOLERANCE_OF_DECISION).velocity
+    of_each = [model.stepped_at(model.system, time, dt, each).velocity - exact for each in METHODS_OF_RIGHT_CODES]
+    assert np.array_equal(errors["velocity"], of_each[METHODS_OF_RIGHT_CODES.index(expected)])
+
+
+@pytest.mark.parametrize("last", [0.0, 0.4])
+def test_a_motion_of_some_of_the_times_has_the_numbers_of_all(last: float) -> None:
+    model, dt = Model(CHAIN), CHAIN.duration / 1000
+    # on the steps, but for a part of 5e-6 of one; the last time may be between two
+    times = dt * np.array([0.0, 10.0, 20.0 + 5e-6, 30.0, 40.0 + last])
+    whole, part = (model.stepped_at(model.system, times, dt, RK4, rows) for rows in (None, 3))
+    for name in ("displacement", "velocity", "acceleration", "force"):
+        assert np.array_equal(getattr(part, name), getattr(whole, name)[:3])
