@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeGuard, cast
 from dem_bridge.errors import UsageError
 from dem_bridge.formats.readers.read import File, with_step
 from dem_bridge.foundation.arguments import check_arguments
+from dem_bridge.foundation.script_files import is_deck, is_unit_test_file
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.scene.file import scene_of
 from dem_bridge.scene.scene import Scene
@@ -106,9 +107,6 @@ def judge(
     ('PASS', '2.00')
     """
     check_arguments(judge, locals())
-    from dem_bridge.judging.beside import judge_command, judge_files
-    from dem_bridge.judging.deck import is_deck, is_unit_test_file
-
     paths = [with_step(file) for file in (files if _is_several(files) else [cast(File, files)])]
     if scene is None and (test := next((path for path, _ in paths if is_unit_test_file(path)), None)):
         from dem_bridge.api.scenes import scene_from_deck
@@ -123,6 +121,8 @@ def judge(
     if command is not None:
         if paths:
             raise UsageError(f"command and {len(paths)} files were given; give one or the other")
+        from dem_bridge.judging.beside import judge_command
+
         steps = [dt] if isinstance(dt, int | float) else dt
         return judge_command(scene, command, steps, tolerance=tolerance, time_limit=time_limit, **reading)
     if dt is not None:
@@ -137,7 +137,13 @@ def judge(
     lammps = Engine.named(engine, lmp=lmp, lmp_args=lmp_args, python=python, ranks=ranks)
     if not decks and (variables or lammps):
         raise UsageError(f"{'variables were' if variables else 'a LAMMPS was'} given, but no file is a LAMMPS deck")
-    return judge_files(
+    if not decks:
+        from dem_bridge.judging.records import judge_files
+
+        return judge_files(scene, others, tolerance=tolerance, **reading)
+    from dem_bridge.judging.beside import judge_decks
+
+    return judge_decks(
         scene,
         others,
         decks,

@@ -167,9 +167,9 @@ def scene_from_deck(
 
 def deck_read(path: Path, *, files_below: str | Path | None = None, **settings: Any) -> ReadDeck:
     """Return the scene of a LAMMPS input script, as :func:`scene_from_deck`, with notes on how it was read."""
-    from dem_bridge.foundation.script_files import files_of, is_script
+    from dem_bridge.foundation.script_files import files_of, is_script, is_unit_test
     from dem_bridge.lmp.reader.to_scene import read_deck
-    from dem_bridge.lmp.unit_test import is_unit_test, read_unit_test
+    from dem_bridge.lmp.unit_test import read_unit_test
 
     kind, name = "a LAMMPS input script or a unit test of LAMMPS", path.name
     text = _text(path, kind)

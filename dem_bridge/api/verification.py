@@ -164,7 +164,7 @@ def _scene_or_script(source: Scene | str | Path) -> Scene:
     if isinstance(source, Scene) or Path(source).suffix == ".toml" or not Path(source).is_file():
         return scene_of(source)
     from dem_bridge.api.scenes import scene_from_deck
-    from dem_bridge.judging.deck import is_deck, is_unit_test_file
+    from dem_bridge.foundation.script_files import is_deck, is_unit_test_file
 
     path = Path(source)
     return scene_from_deck(path) if is_deck(path) or is_unit_test_file(path) else scene_of(source)

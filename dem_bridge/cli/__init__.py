@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 from typing import Any
 
@@ -9,7 +10,12 @@ __all__ = ["command", "main"]
 
 
 def command() -> None:
-    """Run the command line as a program; Ctrl-C ends it without a traceback while its modules are imported, too."""
+    """Run the command line as a program; Ctrl-C ends it without a traceback while its modules are imported, too.
+
+    The search for garbage begins after half a million objects. A command that is done within a second makes fewer, and
+    one search among them takes 0.04 s.
+    """
+    gc.set_threshold(500_000)
     handler = signal.getsignal(signal.SIGINT)
     if handler is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -7,7 +7,6 @@ need them. Exit codes: 0 all checks pass, 1 a check failed, 2 wrong use or bad s
 from __future__ import annotations
 
 import atexit
-import gc
 import os
 import select
 import sys
@@ -319,7 +318,6 @@ def _discard_output() -> None:
 
 def command() -> None:
     """Run :func:`main` as a program and end the process at once, because the normal exit of Python takes 0.3 s."""
-    gc.set_threshold(100_000)  # otherwise a tenth of the time of an import is a search for garbage
     # matrices are small: threads of numpy's library that wait for each other would take most of the time of a command
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for name in ("stdout", "stderr"):

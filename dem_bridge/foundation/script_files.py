@@ -1,4 +1,7 @@
-"""LAMMPS input scripts as files: recognise one, and open the files that it names, of the right kind and size."""
+"""LAMMPS input scripts and unit tests as files: recognise one, and open the files that a script names.
+
+Nothing of LAMMPS is imported for it, because most files are neither.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from dem_bridge.foundation.files import named_file, text_of_file
+from dem_bridge.foundation.files import MOST_BYTES, named_file, opened, text_of_file
 
 _STYLES = "index|loop|string|equal|atom|atomfile|format|internal|delete|universe|world|uloop|getenv|file|vector"
 #: a line that begins as a command of LAMMPS, and not as an entry of TOML
@@ -30,6 +33,46 @@ def is_script(text: str) -> bool:
     (True, False, True)
     """
     return _COMMAND.search(text) is not None
+
+
+#: keys of a unit test of LAMMPS (YAML) without which there is nothing to run, and one at the beginning of a line
+KEYS_OF_UNIT_TESTS = ("pre_commands", "pair_style", "run_segments")
+_KEYS = re.compile(r"^(pre_commands|run_segments|pair_style)[ \t]*:", re.MULTILINE)
+#: commands of which one begins a line of every LAMMPS deck
+_DECK = re.compile(r"^[ \t]*(units|atom_style|pair_style|read_data|create_box|include)[ \t]+\S", re.MULTILINE)
+
+
+def is_unit_test(text: str) -> bool:
+    r"""Return True if a text is a unit test of LAMMPS with runs, by its keys.
+
+    Examples
+    --------
+    >>> is_unit_test("---\npre_commands: |\n  units si\npair_style: granular\nrun_segments: |-\n  10\n")
+    True
+    >>> is_unit_test("units si\nrun 10\n")
+    False
+    """
+    return {match[1] for match in _KEYS.finditer(text)} >= set(KEYS_OF_UNIT_TESTS)
+
+
+def is_deck(path: Path) -> bool:
+    """Return True if a file is a LAMMPS input script, by its content."""
+    head = _head(path)
+    return not is_unit_test(head) and "\0" not in head and "ITEM:" not in head and _DECK.search(head) is not None
+
+
+def is_unit_test_file(path: Path) -> bool:
+    """Return True if a file is a unit test of LAMMPS, by its content."""
+    return is_unit_test(_head(path))
+
+
+def _head(path: Path) -> str:
+    """Return the beginning of a file; '' if it cannot be read."""
+    try:
+        with opened(path, MOST_BYTES) as file:
+            return (file.read(100_000) or b"").decode(errors="replace")
+    except OSError:
+        return ""
 
 
 #: the number of atoms that a data file declares

@@ -72,7 +72,7 @@ def judge_command(
     return replace(judgement, addition=_work_precision(judgement, parsed.name, runs, time_limit))
 
 
-def judge_files(
+def judge_decks(
     scene: Scene,
     files: Sequence[tuple[Path, float | None]],
     decks: Sequence[Path],
@@ -83,7 +83,7 @@ def judge_files(
     variables: Mapping[str, str] | None = None,
     **reading: Any,
 ) -> Judgement:
-    """Judge files, and decks that are run for it by an engine with these variables."""
+    """Judge decks, which are run for it by an engine with these variables, and files."""
     with ExitStack() as stack:
         records = [read_record(path, scene, dt=dt, **reading) for path, dt in files]
         runs = [

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_bridge.errors import BlockedScript, RunBroken, SceneError, UsageError
-from dem_bridge.foundation.files import MOST_BYTES, opened, text_of_file
+from dem_bridge.foundation.files import text_of_file
 from dem_bridge.foundation.script_files import files_of
 from dem_bridge.judging.check.edits import Edit, applied
 from dem_bridge.judging.stated import differences, of_any_contact
@@ -30,15 +30,12 @@ from dem_bridge.lmp.process import run_deck, workspace
 from dem_bridge.lmp.reader.evaluation import UNITS, ReadScript, read_script
 from dem_bridge.lmp.reader.script import Command, Opened, Script, given_variables
 from dem_bridge.lmp.reader.to_scene import ReadDeck, read_deck
-from dem_bridge.lmp.unit_test import is_unit_test
 from dem_bridge.scene.scene import Scene
 
 #: the added dump, and its file
 _DUMP, _FILE = "dem_bridge", "dem_bridge.dump"
 #: the added dump of the frames in which forces act, and its file
 _ACTIVE, _ACTIVE_FILE = "dem_bridge_active", "dem_bridge_active.bin"
-#: commands of which one begins a line of every LAMMPS deck
-_DECK = re.compile(r"^[ \t]*(units|atom_style|pair_style|read_data|create_box|include)[ \t]+\S", re.MULTILINE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,26 +114,6 @@ class UserDeck:
     def last(self, name: str) -> Command | None:
         """Return the last command of a name."""
         return next((command for command in reversed(self.commands) if command.name == name), None)
-
-
-def is_deck(path: Path) -> bool:
-    """Return True if a file is a LAMMPS input script, by its content."""
-    head = _head(path)
-    return not is_unit_test(head) and "\0" not in head and "ITEM:" not in head and _DECK.search(head) is not None
-
-
-def is_unit_test_file(path: Path) -> bool:
-    """Return True if a file is a unit test of LAMMPS, by its content."""
-    return is_unit_test(_head(path))
-
-
-def _head(path: Path) -> str:
-    """Return the beginning of a file; '' if it cannot be read."""
-    try:
-        with opened(path, MOST_BYTES) as file:
-            return (file.read(100_000) or b"").decode(errors="replace")
-    except OSError:
-        return ""
 
 
 def user_deck(

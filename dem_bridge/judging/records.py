@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from dem_bridge.errors import UsageError
-from dem_bridge.formats.readers import Record
+from dem_bridge.formats.readers import Record, read_record
 from dem_bridge.foundation.numbers import check_number
 from dem_bridge.foundation.wording import share
 from dem_bridge.judging.cause import diagnose
@@ -91,6 +93,13 @@ def judge_records(scene: Scene, records: Sequence[Record], *, tolerance: float |
     except MotionTooLong as problem:
         return replace(judgement, assumed=(*notes, f"The largest steps are not answered, because {problem}."))
     return replace(judgement, step_curve=curve, by_step=by_step)
+
+
+def judge_files(
+    scene: Scene, files: Sequence[tuple[Path, float | None]], *, tolerance: float | None = None, **reading: Any
+) -> Judgement:
+    """Judge files with their time steps, s; ``reading`` are the keywords of :func:`read_record`."""
+    return judge_records(scene, [read_record(path, scene, dt=dt, **reading) for path, dt in files], tolerance=tolerance)
 
 
 def _diagnosis(

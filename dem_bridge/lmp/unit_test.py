@@ -10,7 +10,6 @@ exactly zero, ``|a - b|``. It may also compare with a formula that ``analytic_mo
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePath
@@ -19,14 +18,11 @@ from typing import Any
 import numpy as np
 
 from dem_bridge.errors import SceneError
+from dem_bridge.foundation.script_files import KEYS_OF_UNIT_TESTS
 from dem_bridge.lmp.reader.evaluation import UNITS
 from dem_bridge.lmp.reader.to_scene import ReadDeck
 from dem_bridge.physics.contact_law import Floats
 
-#: what a file has that is such a test, by keys at the beginning of a line
-_KEYS = re.compile(r"^(pre_commands|run_segments|pair_style)[ \t]*:", re.MULTILINE)
-#: keys without which there is nothing to run
-_NEEDED = ("pre_commands", "pair_style", "run_segments")
 #: blocks of recorded states, and the columns that a dump has for each of them
 COLUMNS = {
     "run_pos": ("x", "y", "z"),
@@ -146,19 +142,6 @@ def _block(key: str, lines: Any, mark: str = "|") -> Iterator[str]:
     yield from (f"  {line}\n" for line in lines)
 
 
-def is_unit_test(text: str) -> bool:
-    r"""Return True if a text is a unit test of LAMMPS with runs, by its keys.
-
-    Examples
-    --------
-    >>> is_unit_test("---\npre_commands: |\n  units si\npair_style: granular\nrun_segments: |-\n  10\n")
-    True
-    >>> is_unit_test("units si\nrun 10\n")
-    False
-    """
-    return {match[1] for match in _KEYS.finditer(text)} >= set(_NEEDED)
-
-
 def read_unit_test(text: str, file: str) -> UnitTest:
     r"""Return the unit test in the text of a YAML file.
 
@@ -183,7 +166,7 @@ def read_unit_test(text: str, file: str) -> UnitTest:
     ((10, 15), (0.5, 0.0, 0.0), ('variable dt index 1e-8', 'timestep ${dt}'))
     """
     values = _scalars(text, file)
-    for key in _NEEDED:
+    for key in KEYS_OF_UNIT_TESTS:
         if not values.get(key, "").strip():
             raise _error(file, key, "is missing or empty", "a unit test of LAMMPS with commands and run_segments")
     segments = tuple(_whole(file, "run_segments", word) for word in values["run_segments"].split())

@@ -9,9 +9,10 @@ import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from dem_bridge.observables.differences import Difference
+if TYPE_CHECKING:
+    from dem_bridge.observables.differences import Difference
 
 
 class Outcome(StrEnum):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -96,3 +98,32 @@ def test_a_file_whose_name_has_an_at_is_that_file(folder: Path) -> None:
     (folder / "run@1.csv").write_bytes((folder / "1e-06.csv").read_bytes())
     done = run_here("judge", "run@1.csv", "--scene", "five.toml", "--tolerance", "0.1", cwd=folder)
     assert done.returncode == 0, done.stderr
+
+
+#: runs a command by its words, and prints the modules that it imported and the number of collections of garbage
+IMPORTS = """
+import gc, os, sys
+from dem_bridge.cli import command
+before = gc.get_stats()[0]["collections"]
+end = os._exit
+def told(code):
+    ours = [name for name in sys.modules if name.startswith("dem_bridge.")]
+    print(*sorted(ours), gc.get_stats()[0]["collections"] - before, file=sys.stderr, flush=True)
+    end(code)
+os._exit = told
+command()
+"""
+
+
+def test_a_file_is_judged_without_what_decks_and_commands_need(folder: Path) -> None:
+    words = ("judge", "1e-06.csv@1e-6", "--scene", "five.toml")
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTS, *words], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    *modules, collections = done.stderr.split()
+    assert {"dem_bridge.judging.records", "dem_bridge.lmp.engine"} <= set(modules)
+    others = ("lmp.reader", "lmp.process", "lmp.unit_test", "judging.deck", "judging.foreign", "judging.beside")
+    assert not [name for name in modules if any(f"dem_bridge.{other}" in name for other in others)]
+    assert "dem_bridge.observables.differences" not in modules
+    assert int(collections) < 3

@@ -16,6 +16,7 @@ import pytest
 
 from dem_bridge.errors import RunBroken, UsageError, one_line
 from dem_bridge.formats.readers import Record
+from dem_bridge.foundation import script_files
 from dem_bridge.judging import beside, deck, foreign
 from dem_bridge.judging.judgement import Addition, Judgement
 from dem_bridge.judging.limits import Limit
@@ -62,9 +63,9 @@ def test_units_steps_and_radii_of_a_deck_are_in_si() -> None:
 
 
 def test_files_that_cannot_be_read_are_no_decks(tmp_path: Path) -> None:
-    assert not deck.is_deck(tmp_path / "none")
+    assert not script_files.is_deck(tmp_path / "none")
     (tmp_path / "in.x").write_text("# a comment\n  units si\n")
-    assert deck.is_deck(tmp_path / "in.x")
+    assert script_files.is_deck(tmp_path / "in.x")
     with pytest.raises(UsageError, match=r"none: the deck cannot be read \(No such file or directory\)"):
         deck.user_deck(tmp_path / "none", PAIR)
 
@@ -78,7 +79,7 @@ def test_a_deck_is_told_from_a_dump_and_from_binary_files(tmp_path: Path) -> Non
         ("1,2\n", False),
     ):
         (tmp_path / "file").write_text(text)
-        assert deck.is_deck(tmp_path / "file") is is_deck
+        assert script_files.is_deck(tmp_path / "file") is is_deck
 
 
 DAMPED = Damping(law="dashpot", coefficient=5.0)
@@ -488,7 +489,7 @@ def test_files_and_decks_are_judged_together_and_decks_have_their_limits(monkeyp
     plant(monkeypatch, Seam.DECK_LIMITS, deck_limits)
     plant(monkeypatch, Seam.READ_RECORD, lambda path, scene, dt: nothing_of(str(path), dt))
     plant(monkeypatch, Seam.JUDGE_RECORDS, judge)
-    judgement = beside.judge_files(PAIR, [(Path("a.csv"), 2e-6)], [Path("b/in.x"), Path("in.y")], tolerance=0.5)
+    judgement = beside.judge_decks(PAIR, [(Path("a.csv"), 2e-6)], [Path("b/in.x"), Path("in.y")], tolerance=0.5)
     stated = {"gravity": 9.81}
     assert seen == [[("a.csv", 2e-6, {}), ("in.x", 1e-6, stated), ("in.y", 1e-6, stated)]]
     assert judgement.tolerance == 0.5

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from dem_bridge.errors import SceneError
-from dem_bridge.lmp.unit_test import is_unit_test, read_unit_test
+from dem_bridge.foundation.script_files import is_unit_test
+from dem_bridge.lmp.unit_test import read_unit_test
 
 FILES = Path(__file__).parents[1] / "data" / "unit_tests"
 SPINS = (FILES / "spins.yaml").read_text()

@@ -25,16 +25,15 @@ from dem_bridge.formats.readers.column_meaning import Choices
 from dem_bridge.formats.readers.columns_to_record import draft_of_table
 from dem_bridge.formats.readers.dumps import FrameCollector, Frames, looks_like_xyz, read_ase, read_dump, read_xyz
 from dem_bridge.formats.readers.frames_to_record import draft_of_frames
-from dem_bridge.formats.readers.record import Record
+from dem_bridge.formats.readers.record import Draft, Record
 from dem_bridge.formats.readers.rounding import texts_of
 from dem_bridge.formats.readers.tables import Table, read_text
-from dem_bridge.formats.readers.unit_tests import draft_of_unit_test
 from dem_bridge.formats.readers.vtk import frame_of, places, read_legacy, read_pvd, read_xml
 from dem_bridge.foundation import guests
 from dem_bridge.foundation.files import MOST_BYTES, named_file, opened
 from dem_bridge.foundation.netcdf import is_netcdf
 from dem_bridge.foundation.numbers import LARGEST, SMALLEST
-from dem_bridge.lmp.unit_test import UnitTest, is_unit_test, read_unit_test
+from dem_bridge.foundation.script_files import is_unit_test
 from dem_bridge.scene.scene import Scene
 
 #: a file of a code, with or without its time step
@@ -183,8 +182,8 @@ def read_record(
     path = Path(path)
     choices = Choices(dt, columns, units, bodies, axis)
     with damage_as_usage_error(path):
-        if (test := _unit_test(path)) is not None:
-            return draft_of_unit_test(path.name, test).record(scene)
+        if (draft := _draft_of_unit_test(path)) is not None:
+            return draft.record(scene)
         contents, default_units = load(path, choices)
         if isinstance(contents, Frames):
             return draft_of_frames(path.name, contents, scene, choices, default_units).record(scene)
@@ -222,12 +221,18 @@ def load(path: Path, choices: Choices) -> tuple[Table | Frames, str]:
     return read_text(text), "si"
 
 
-def _unit_test(path: Path) -> UnitTest | None:
-    """Return the unit test of LAMMPS in a file; None if the file is something else."""
+def _draft_of_unit_test(path: Path) -> Draft | None:
+    """Return the draft of the record of a unit test of LAMMPS; None if the file is something else."""
     if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
         return None
     text = text_of(read_bytes(path))
-    return read_unit_test(text, path.name) if is_unit_test(text) else None
+    if not is_unit_test(text):
+        return None
+    # few files need what reads LAMMPS' scripts
+    from dem_bridge.formats.readers.unit_tests import draft_of_unit_test
+    from dem_bridge.lmp.unit_test import read_unit_test
+
+    return draft_of_unit_test(path.name, read_unit_test(text, path.name))
 
 
 def _of_guest(path: Path) -> Table | Frames | None:

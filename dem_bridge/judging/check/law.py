@@ -248,12 +248,12 @@ def _restitution(lab: Laboratory) -> str:
 
 def cause_by_judge(lab: Laboratory) -> tuple[str, str]:
     """Return the cause by which ``judge`` explains the run, and its evidence."""
-    from dem_bridge.judging.beside import judge_files
+    from dem_bridge.judging.beside import judge_decks
 
     assert lab.scene is not None
     lab.say("search for the cause")
     try:
-        judgement = judge_files(
+        judgement = judge_decks(
             lab.scene,
             [],
             [lab.subject.path],

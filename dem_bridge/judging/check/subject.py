@@ -15,8 +15,9 @@ from dem_bridge.backends.lammps import LammpsGranular
 from dem_bridge.backends.scene_prescan import prescan_scene
 from dem_bridge.errors import SceneError, UnsupportedScene, UsageError
 from dem_bridge.foundation.files import MOST_BYTES, text_of_file
+from dem_bridge.foundation.script_files import is_deck, is_unit_test_file
 from dem_bridge.judging.check.edits import Edit, applied, finer, keeps_duration, only_steps
-from dem_bridge.judging.deck import UserDeck, is_deck, is_unit_test_file, named_paths, user_deck
+from dem_bridge.judging.deck import UserDeck, named_paths, user_deck
 from dem_bridge.lmp.process import workspace
 from dem_bridge.lmp.reader.evaluation import UNITS
 from dem_bridge.lmp.unit_test import UnitTest, read_unit_test

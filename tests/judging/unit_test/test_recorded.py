@@ -9,7 +9,8 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.errors import BlockedScript, UsageError
-from dem_bridge.judging.deck import UserDeck, is_deck, is_unit_test_file, user_deck
+from dem_bridge.foundation.script_files import is_deck, is_unit_test_file
+from dem_bridge.judging.deck import UserDeck, user_deck
 from dem_bridge.judging.unit_test.driver import run_unit_test
 from dem_bridge.judging.unit_test.recorded import judge_recorded
 from dem_bridge.lmp.unit_test import UnitTest, read_unit_test
