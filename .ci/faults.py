@@ -27,7 +27,7 @@ GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
         "planning": ("runs/planning",), "campaign": ("runs/campaign",), "measurement": ("studies/measurement",),
         "figures": (
             "plot.py", "report/drawing.py", "report/page.py", "verification/figures.py",
-            "report/drawing_styles.py", "report/styles.py",
+            "report/drawing_styles.py", "report/styles.py", "verification/panels.py",
         ),
         "keys": ("runs/cache.py", "runs/case.py", "runs/keys.py"),
     },

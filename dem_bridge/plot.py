@@ -20,7 +20,8 @@ from dem_bridge.scene.file import load_scene, scene_of, shipped_scenes
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import QUANTITIES, Trajectory
 from dem_bridge.verification.assess import SceneStudy
-from dem_bridge.verification.figures import LABELS, budget_on, residence_panel, spacetime_panel
+from dem_bridge.verification.figures import budget_on
+from dem_bridge.verification.panels import LABELS, residence_panel, spacetime_panel
 from dem_bridge.verification.verification import Verification
 
 #: one run, several runs, or runs by label

@@ -106,6 +106,7 @@ def verify(
     (0, 'velocity', 'PASS')
     """
     check_arguments(verify, locals())
+    from dem_bridge.report.drawer import drawing_beside
     from dem_bridge.runs.campaign import jobs_of
     from dem_bridge.runs.store import Store
     from dem_bridge.verification.under_way import write_pages
@@ -128,18 +129,19 @@ def verify(
         "engine": lammps,
         "store": kept,
     }
-    with write_pages(None if folder is None else Path(folder), accuracy) as under_way:
-        settings["under_way"] = under_way
-        if chosen is None:
-            verification: Verification = guest_named(VERIFICATIONS, PAPER, f"verify {PAPER}")(**settings)
-        else:
-            step = Resolution(dt=dt).dt
-            if step is not None:
-                chosen = [replace(scene, samples=samples_of(scene, step, _STEPS_OF_SAMPLE)) for scene in chosen]
-            verification = verify_scenes(chosen, dt=step, **settings)
-    if under_way.trouble:
-        verification = replace(verification, notes=(*verification.notes, under_way.trouble))
-    write_found(verification, folder=folder, bundle=bundle, engine=lammps, store=kept)
+    with drawing_beside(wanted=folder is not None or bundle is not None):
+        with write_pages(None if folder is None else Path(folder), accuracy) as under_way:
+            settings["under_way"] = under_way
+            if chosen is None:
+                verification: Verification = guest_named(VERIFICATIONS, PAPER, f"verify {PAPER}")(**settings)
+            else:
+                step = Resolution(dt=dt).dt
+                if step is not None:
+                    chosen = [replace(scene, samples=samples_of(scene, step, _STEPS_OF_SAMPLE)) for scene in chosen]
+                verification = verify_scenes(chosen, dt=step, **settings)
+        if under_way.trouble:
+            verification = replace(verification, notes=(*verification.notes, under_way.trouble))
+        write_found(verification, folder=folder, bundle=bundle, engine=lammps, store=kept)
     return verification
 
 

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dem_bridge.report.images import data_uri
 from dem_bridge.report.study import Map, Panel
 from dem_bridge.report.styles import DIVERGING, SEQUENTIAL, colour_limits, rgb
+from dem_bridge.report.svg import data_uri
 from dem_bridge.trajectory.trajectory import Floats
 
 #: most times of a chain that are kept, and most values of all chains of a page: these have 270 kB as text

@@ -26,7 +26,7 @@ from dem_bridge.foundation.files import check_report_folder, write_whole
 from dem_bridge.foundation.notebook import picture
 from dem_bridge.foundation.wording import relative_number
 from dem_bridge.observables.verdict import Outcome, Verdict
-from dem_bridge.report.images import alternative_text, inline, picture_of_data
+from dem_bridge.report.images import alternative_text, begin_picture_of_data, inline
 from dem_bridge.report.study import Claim, ClaimValue, FigureData, Map, Panel, Study, Table
 from dem_bridge.report.template_cache import TemplateCache
 from dem_bridge.report.texts import without_repeats
@@ -72,12 +72,13 @@ def study_files(
     what it shows beside the parts that every study has, and with ``reload`` the seconds after which a browser reads it
     again.
     """
+    pictures = [begin_picture_of_data(figure, store) for figure in study.figures]
     figures: dict[str, dict[str, str | bytes]] = {
         figure.id: {
-            f"figures/{figure.id}.svg": picture_of_data(figure, store),
+            f"figures/{figure.id}.svg": picture(),
             **{f"figures/{name}": text for name, text in csv_texts(figure).items()},
         }
-        for figure in study.figures
+        for figure, picture in zip(study.figures, pictures, strict=True)
     }
     shown = {"about": about(study.provenance), "outcomes": outcomes_of(study.verdicts)} | shown
     failures = list(without_repeats(verdict for verdict in study.verdicts if verdict.outcome in SEVERITY[:3]))

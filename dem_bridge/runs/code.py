@@ -33,7 +33,8 @@ NOT_IN_RUNS = (
 NOT_IN_STUDIES = (
     "api", "cli", "formats.tables", "formats.writers", "foundation.notebook", "foundation.presenters",
     "foundation.wording", "plot", "report.styles", "report.drawing", "report.drawing_names", "report.drawing_styles",
-    "report.images", "report.live", "report.page", "report.templates", "runs.campaign.cluster", "trajectory.shown",
+    "report.drawer", "report.images", "report.live", "report.page", "report.svg", "report.templates",
+    "runs.campaign.cluster", "trajectory.shown",
     "verification.banner", "verification.bundle", "verification.chains", "verification.figures", "verification.page",
     "verification.records", "verification.regression", "verification.replay",
     "verification.templates",

@@ -67,29 +67,52 @@ def recall(
     TypeError
         If the value is not plain data, or of other kinds.
     """
+    settled: dict[str, Any] = {"kinds": kinds, "scenes": scenes, "engine": engine}
+    return begin_recall(store, question, keys, lambda: compute, **settled | settings)()
+
+
+def begin_recall(
+    store: Store | None,
+    question: str,
+    keys: Sequence[str | None],
+    begin: Callable[[], Callable[[], Value]],
+    *,
+    kinds: Sequence[type] = (),
+    scenes: Sequence[Scene] = (),
+    engine: Engine | None = None,
+    **settings: object,
+) -> Callable[[], Value]:
+    """Return a function that returns what :func:`recall` does, once.
+
+    ``begin`` is called at once, and only if the store has not the value; it returns what computes or awaits the value.
+    """
     functions = [part for item in OBSERVABLES.values() for part in (item.value, item.uncertainty, item.measure) if part]
     foreign = any(not part.__module__.startswith(_PACKAGE) for part in functions)
     if store is None or foreign or None in keys:
-        return compute()
+        return begin()
     shown = [(scene.name, scene.description, repr(scene.geometry)) for scene in scenes]
     registered = [(item.name, item.definition, item.unit, item.axis, item.scale.name) for item in OBSERVABLES.values()]
     parts = {"keys": list(keys), "shown": shown, "observables": registered, "settings": settings}
     key = study_key(question, scenes, engine, **parts)
     if key is None:
-        return compute()
+        return begin()
     declared = {_name(kind): kind for kind in kinds}
     entry = store.load_arrays(key)
     if entry is not None:
         try:
             value: Value = _decoded(json.loads(entry["json"].tobytes()), entry, declared)
-            return value
+            return lambda: value
         except (AttributeError, KeyError, TypeError, ValueError):
             pass  # the entry was not written by this function: the value is computed and the entry replaced
-    value = compute()
-    arrays: dict[str, NDArray[Any]] = {}
-    text = json.dumps(_encoded(value, arrays, declared))
-    store.save_arrays(key, {"json": np.frombuffer(text.encode(), dtype=np.uint8), **arrays})
-    return value
+    finish, kept = begin(), key
+
+    def finished() -> Value:
+        value, arrays = finish(), dict[str, NDArray[Any]]()
+        text = json.dumps(_encoded(value, arrays, declared))
+        store.save_arrays(kept, {"json": np.frombuffer(text.encode(), dtype=np.uint8), **arrays})
+        return value
+
+    return finished
 
 
 def recall_prescan(store: Store | None, scene: Scene) -> None:

@@ -22,7 +22,7 @@ from dem_bridge.scene.file import load_scene
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.chains import body_noun
-from dem_bridge.verification.figures import spacetime_panel
+from dem_bridge.verification.panels import spacetime_panel
 from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import TWIN
 

@@ -7,9 +7,8 @@ verification how large the numerical error of a given run is, and validation whe
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -18,9 +17,11 @@ from numpy.typing import NDArray
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.foundation.notebook import picture, scene_sketch
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.report.images import recalled_picture, svg_of
+from dem_bridge.report.drawer import drawn
+from dem_bridge.report.images import begin_recalled_picture
 from dem_bridge.report.live import Chain, error_scale_of, shown_chains
 from dem_bridge.report.page import KINDS, SEVERITY, outcomes_of, study_files, valued
+from dem_bridge.report.svg import svg_drawn_by, svg_of_data
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
@@ -29,13 +30,11 @@ from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.banner import banner_of
 from dem_bridge.verification.chains import chains_of, error_scale
 from dem_bridge.verification.independence import ANSWERS_THROUGH, Shared, matrix
+from dem_bridge.verification.panels import front_of, maps_of, motion_of, only_drawn
 from dem_bridge.verification.proved import ProvedMotion, proved_motion
 from dem_bridge.verification.reference_choice import BLANES_MOAN, REFERENCE, SCIPY
 from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN
 from dem_bridge.verification.verification import Verification
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 NAMES = {
     **dict.fromkeys(ENGINE_BACKENDS, "LAMMPS"),
@@ -80,6 +79,7 @@ def _played(study: Verification) -> list[Chain]:
 
 def _shown(study: Verification, store: Store | None) -> dict[str, Any]:
     """Return what the page shows beside the parts that every study has."""
+    pictures = _begin_pictures(study, store)
     # scenes of the paper without refinement levels have no figures of their own
     with_figures = _with_figures(study)
     scales = [panel for figure in study.figures if figure.id == "scale" for panel in figure.panels]
@@ -92,7 +92,7 @@ def _shown(study: Verification, store: Store | None) -> dict[str, Any]:
         ),
         "chains": shown_chains(_played(study)),
         "scale": None if errors is None else error_scale_of(errors),
-        "picture_of": partial(picture_of_runs, store=store),
+        "picture_of": pictures,
         "certificates": [motion.link for motion in _proved(study)],
         "paper": bool(study.claims),
         "scope": scope(study),
@@ -153,14 +153,39 @@ def _range(values: Sequence[float] | NDArray[np.float64]) -> str:
     return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
 
 
-def picture_of_runs(name: str, studies: Sequence[SceneStudy], store: Store | None = None) -> str | None:
-    """Return the picture that a function of :mod:`.figures` draws of runs; None if it draws none."""
+#: the module that draws, which imports matplotlib
+_FIGURES = "dem_bridge.verification.figures"
+#: pictures that are the same whatever the verdicts are, and the functions of their data
+_OF_RUNS = {"motion": motion_of, "spacetime_maps": maps_of, "front_along_chain": front_of}
 
-    def draw() -> str | None:
-        from dem_bridge.verification import figures  # matplotlib is imported for pictures that the store has not
 
-        figure: Figure | None = getattr(figures, name)(studies)
-        return None if figure is None else svg_of(figure)
+def pictures_shown(study: Verification) -> list[tuple[str, list[SceneStudy]]]:
+    """List the pictures that the page shows: the name of each in :mod:`.figures`, and its scenes."""
+    chains, paper = _with_figures(study), bool(study.claims)
+    motions = [] if paper else [("motion", [item]) for item in study.studies]
+    budgets = [("error_budget", [item]) for item in chains if item.budgets]
+    names = ("convergence",) if paper else ("spacetime_maps", "front_along_chain", "convergence")
+    return [*motions, *budgets, *((name, chains[k : k + 2]) for k in range(0, len(chains), 2) for name in names)]
+
+
+def _begin_pictures(study: Verification, store: Store | None) -> Callable[[str, Sequence[SceneStudy]], str | None]:
+    """Begin to draw the pictures of the page, and return the function that awaits one of them."""
+
+    def place(name: str, studies: Sequence[SceneStudy]) -> tuple[str, ...]:
+        return (name, *(item.scene.name for item in studies))
+
+    begun = {place(name, studies): begin_picture(name, studies, store) for name, studies in pictures_shown(study)}
+    return lambda name, studies: begun[place(name, studies)]()
+
+
+def begin_picture(name: str, studies: Sequence[SceneStudy], store: Store | None = None) -> Callable[[], str | None]:
+    """Begin a picture that a function of :mod:`.figures` draws, and return what awaits it: None if it draws none."""
+
+    def begin() -> Callable[[], str | None]:
+        if name not in _OF_RUNS:
+            return drawn(svg_drawn_by, _FIGURES, name, [only_drawn(study) for study in studies])
+        data = _OF_RUNS[name](studies)
+        return (lambda: None) if data is None else drawn(svg_of_data, data)
 
     keys = [result.key for study in studies for result in study.results]
     judged = [
@@ -171,4 +196,4 @@ def picture_of_runs(name: str, studies: Sequence[SceneStudy], store: Store | Non
         )
         for study in studies
     ]
-    return recalled_picture(store, name, keys, draw, [study.scene for study in studies], judged=judged)
+    return begin_recalled_picture(store, name, keys, begin, [study.scene for study in studies], judged=judged)

@@ -17,7 +17,7 @@ from dem_bridge.errors import UsageError
 from dem_bridge.foundation.files import write_whole
 from dem_bridge.foundation.progress import Campaign, watching
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.report.images import prepare_drawing
+from dem_bridge.report.drawer import prepare_drawing
 from dem_bridge.report.study import Table
 from dem_bridge.report.texts import Texts, verdict_table
 from dem_bridge.verification.assess import SceneStudy

@@ -17,6 +17,7 @@ from dem_bridge.errors import RunBroken, UnsupportedScene, UsageError
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.observables.convergence import checked_accuracy
 from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.drawer import prepare_drawing
 from dem_bridge.report.study import check_setting
 from dem_bridge.runs.cache import RunCache
 from dem_bridge.runs.campaign import Jobs, Progress, Result, run_groups
@@ -28,6 +29,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene, named_failures
 from dem_bridge.verification.budget import Budget
+from dem_bridge.verification.panels import begin_motion
 from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import Roles, Runs, assign_roles, list_cases
 from dem_bridge.verification.under_way import UnderWay
@@ -61,8 +63,15 @@ def verify_scenes(
     cache = RunCache(store)
     plans = [plan_scene(scene, accuracy, engine=engine, cache=cache, dt=dt) for scene in scenes]
     under_way = under_way or UnderWay(accuracy=accuracy)
-    ended = assess_when_ended(plans, under_way, store)
-    run_groups([plan.cases for plan in plans], jobs=jobs, progress=progress, store=store, cache=cache, ended=ended)
+    assess = assess_when_ended(plans, under_way, store)
+
+    def ended(number: int, results: Sequence[Result]) -> None:
+        assess(number, results)
+        if number >= len(plans):
+            begin_motion(SceneStudy(roles=plans[number - len(plans)].roles, others=tuple(results), verdicts=()))
+
+    groups = [*(plan.cases for plan in plans), *(plan.moving for plan in plans)]
+    run_groups(groups, jobs=jobs, progress=progress, store=store, cache=cache, ended=ended)
     studies = tuple(under_way.studies[number] for number in range(len(plans)))
     notes = (store.trouble,) if store is not None and store.trouble else ()
     verification = verification_of(studies, accuracy=accuracy, wall=time.perf_counter() - start, notes=notes)
@@ -85,6 +94,11 @@ class ScenePlan:
     def cases(self) -> tuple[Case, ...]:
         """All cases, those of the roles first."""
         return (*(self.runs or ()), *self.others)
+
+    @property
+    def moving(self) -> tuple[Case, ...]:
+        """The cases that the pictures of the motion show, in the order of :attr:`cases`."""
+        return () if self.runs is None else (self.runs.theory, self.runs.engine)
 
     def assess(self, results: Sequence[Result], store: Store | None = None) -> SceneStudy:
         """Judge the results of :attr:`cases`, given in their order, unless the store has their verdicts."""
@@ -164,6 +178,7 @@ def main_resolution(roles: Roles, accuracy: float, cache: RunCache | None = None
     store = cache.store if cache is not None else None
 
     def choose() -> float | None:
+        prepare_drawing()  # further runs will follow
         try:
             return step_for_accuracy(scene, accuracy, Resolution(tables=tables), sampling, cache=cache).dt
         except UsageError:

@@ -21,9 +21,9 @@ from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.drawing import draw_figure
-from dem_bridge.report.images import compress_png
 from dem_bridge.report.page import KINDS, csv_texts, digits_of, number, sortable, study_files, typeset, write_study
 from dem_bridge.report.study import Claim, Study
+from dem_bridge.report.svg import compress_png
 from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store

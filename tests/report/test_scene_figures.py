@@ -26,9 +26,9 @@ from dem_bridge.verification.figures import (
     error_budget,
     front_along_chain,
     motion,
-    residence_panel,
     spacetime_maps,
 )
+from dem_bridge.verification.panels import residence_panel
 from dem_bridge.verification.roles import assign_roles
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure as Canvas
 
-from dem_bridge.report import images
+from dem_bridge.report import svg
 from dem_bridge.report.drawing import draw_figure
 from dem_bridge.report.drawing_styles import scale_together
 from dem_bridge.report.page import csv_texts
@@ -105,6 +105,6 @@ def test_a_replay_reads_what_the_program_wrote(
 def test_markers_of_two_styles_keep_their_own_and_those_of_one_share_it() -> None:
     pattern, group = r"(?s)<g( id=.a.)>\n(.*)</g>", '<g id="a">\n<use style="fill: {}"/>\n<use style="fill: {}"/>\n</g>'
     mixed = group.format("red", "blue")
-    assert re.sub(pattern, images._of_group, mixed) == mixed
-    shared = re.sub(pattern, images._of_group, group.format("red", "red"))
+    assert re.sub(pattern, svg._of_group, mixed) == mixed
+    shared = re.sub(pattern, svg._of_group, group.format("red", "red"))
     assert shared == '<g id="a" style="fill: red">\n<use/>\n<use/>\n</g>'

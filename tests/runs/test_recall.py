@@ -22,7 +22,7 @@ from dem_bridge.observables.registry import OBSERVABLES
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import PARTS
 from dem_bridge.runs import keys
-from dem_bridge.runs.recall import recall, recall_prescan
+from dem_bridge.runs.recall import begin_recall, recall, recall_prescan
 from dem_bridge.runs.store import Store
 from dem_bridge.scene.scene import Scene
 from dem_bridge.verification.verification import Verification
@@ -175,3 +175,16 @@ def test_a_prescan_is_made_once_for_all_processes(tmp_path: Path, monkeypatch: p
     assert _exact(prescan_scene(replace(SCENE, name="other"))) == _exact(made)
     with pytest.raises(AssertionError, match="made again"):
         prescan_scene(replace(SCENE, mass=(8e-3, 2e-2)))
+
+
+def test_a_value_is_begun_at_once_where_it_is_not_stored_and_kept_when_it_is_there(tmp_path: Path) -> None:
+    store, finish = Store(tmp_path), Mock(return_value="a picture")
+    begin = Mock(return_value=finish)
+    value = begin_recall(store, "picture", ["key"], begin)
+    assert (begin.call_count, finish.call_count, list(tmp_path.iterdir())) == (1, 0, [])
+    assert value() == "a picture"
+    again = begin_recall(store, "picture", ["key"], begin)(), recall(store, "picture", ["key"], finish)
+    assert again == ("a picture", "a picture")
+    assert (begin.call_count, finish.call_count) == (1, 1)
+    assert begin_recall(None, "picture", ["key"], begin)() == "a picture"
+    assert begin.call_count == 2

@@ -17,7 +17,7 @@ from dem_bridge.trajectory.trajectory import Trajectory
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.chains import error_scale
 from dem_bridge.verification.closed_form import closed_form, closed_form_table
-from dem_bridge.verification.figures import motion_panels
+from dem_bridge.verification.panels import motion_of
 from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import assign_roles
 from tests.helpers.legibility import assert_legible
@@ -43,7 +43,7 @@ def _study(scene: Scene, run: Trajectory | None = None) -> SceneStudy:
 
 def _panels(study: SceneStudy) -> tuple[Panel, ...]:
     """Return the panels of the figure of a scene, which is legible."""
-    figure = motion_panels(study)
+    figure = motion_of([study])
     assert figure is not None
     assert_legible(draw_figure(figure))
     return figure.panels
@@ -142,7 +142,7 @@ def test_the_figure_of_a_collision_has_its_closed_form_beside_velocities_and_for
     assert run is not None
     assert forces.series[1].y[0] == pytest.approx(run.peak_force[0], rel=1e-12)
     assert error_scale([study]) is None
-    assert motion_panels(replace(study, others=())) is None
+    assert motion_of([replace(study, others=())]) is None
 
 
 def test_many_bodies_are_a_map_and_a_wall_has_its_name() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -164,14 +165,15 @@ def test_what_draws_is_imported_beside_the_first_run_and_not_where_all_is_stored
     assert prepared.wait(30.0)
 
 
-def test_matplotlib_is_imported_in_a_thread() -> None:
+@pytest.mark.lammps
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="with one core no process draws")
+def test_a_verification_draws_in_another_process(tmp_path: Path) -> None:
     code = (
-        "import sys, threading\n"
-        "from dem_bridge.report.images import prepare_drawing\n"
-        "assert 'matplotlib' not in sys.modules\n"
-        "prepare_drawing()\n"
-        "[thread] = set(threading.enumerate()) - {threading.main_thread()}\n"
-        "thread.join()\n"
-        "assert 'matplotlib.backends.backend_svg' in sys.modules\n"
+        "import sys, dem_bridge as db\n"
+        "pair = db.Scene(name='pair', duration=1e-4, mass=(8e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0))\n"
+        f"db.verify(pair, accuracy=1e-4, folder={str(tmp_path)!r}, store=False)\n"
+        "sys.exit('matplotlib was imported' if 'matplotlib' in sys.modules else 0)\n"
     )
-    assert not subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stderr
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert '<svg role="img"' in (tmp_path / "index.html").read_text(encoding="utf-8")

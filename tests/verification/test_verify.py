@@ -18,7 +18,9 @@ from dem_bridge.backends import scipy_dop853
 from dem_bridge.backends.base import Resolution, Sampling
 from dem_bridge.backends.verlet import Verlet
 from dem_bridge.errors import RunBroken, UsageError
+from dem_bridge.foundation.beside import packed
 from dem_bridge.observables.verdict import Outcome, Verdict
+from dem_bridge.report.svg import svg_of_data
 from dem_bridge.runs.campaign import Result
 from dem_bridge.runs.case import Case
 from dem_bridge.scene.drive import Drive
@@ -26,8 +28,9 @@ from dem_bridge.scene.features import DRAG
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from dem_bridge.scene.support import Support
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification import checks
-from dem_bridge.verification.assess import assess_scene
+from dem_bridge.verification import checks, panels
+from dem_bridge.verification.assess import SceneStudy, assess_scene
+from dem_bridge.verification.panels import begin_motion, maps_of, motion_of
 from dem_bridge.verification.reference_choice import BLANES_MOAN, REFERENCE, SCIPY
 from dem_bridge.verification.roles import TABLE, THEORY, TWIN, Runs, assign_roles
 from dem_bridge.verification.verify import plan_scene, verify_scenes
@@ -391,7 +394,8 @@ def test_where_no_step_decides_velocities_what_is_conserved_is_judged(monkeypatc
     listed: list[Case] = []
 
     def run(groups: list[list[Case]], *, ended: Callable[[int, list[Result]], None], **_: Any) -> None:
-        [cases] = groups
+        cases, moving = groups
+        assert not moving
         listed.extend(cases)
         ended(0, [Result(case=cases[0], trajectory=engine_run)])
 
@@ -454,3 +458,44 @@ db.verify("decelerating-40-on-base")
 def test_a_scene_is_verified_without_the_readers_of_files_and_backends_that_do_not_run() -> None:
     done = subprocess.run([sys.executable, "-c", IMPORTED], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (77, "use backend = 'scipy' []\n"), done.stderr
+
+
+def test_the_motion_is_drawn_as_soon_as_its_runs_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    events: list[str] = []
+    begun: list[SceneStudy] = []
+
+    def run(groups: list[list[Case]], *, ended: Callable[[int, list[Result]], None], **_: Any) -> None:
+        cases, moving = groups
+        assert [case.backend for case in moving] == ["bca", ENGINE]
+        assert all(case in cases for case in moving)
+        runs = {case: Result(case=case, trajectory=twin, key=case.label) for case in cases}
+        ended(1, [runs[case] for case in moving])
+        events.append("further runs")
+        ended(0, [runs[case] for case in cases])
+
+    def begin(study: SceneStudy) -> None:
+        events.append("motion")
+        begun.append(study)
+
+    twin = db.solve(SHORT, backend=TWIN, dt=1e-6)
+    monkeypatch.setattr(
+        "dem_bridge.verification.verify.assess_scene",
+        lambda roles, results, accuracy: SceneStudy(roles=roles, runs=results, verdicts=()),
+    )
+    monkeypatch.setattr("dem_bridge.verification.verify.run_groups", run)
+    monkeypatch.setattr("dem_bridge.verification.verify.begin_motion", begin)
+    [study] = verify_scenes([SHORT], accuracy=1e-4, dt=1e-6).studies
+    assert events == ["motion", "further runs"]
+    # it is the picture that the page shows
+    for figure in (motion_of, maps_of):
+        early, late = (figure([each]) for each in (*begun, study))
+        assert early is not None
+        assert late is not None
+        assert packed(svg_of_data, early) == packed(svg_of_data, late)
+    drawn: list[bytes | None] = []
+    monkeypatch.setattr(panels, "drawn", lambda *what: drawn.append(packed(*what)))
+    begin_motion(study)
+    assert drawn == []  # no process draws
+    monkeypatch.setattr(panels, "is_drawing_beside", lambda: True)
+    begin_motion(study)
+    assert drawn == [packed(svg_of_data, figure([study])) for figure in (motion_of, maps_of)]

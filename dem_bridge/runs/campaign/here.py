@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from contextvars import copy_context
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import filterfalse
 from queue import Empty, SimpleQueue
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
@@ -44,11 +45,14 @@ def run_here(
     ``beside``: engines run beside other cases, and two at a time. When a stop is requested, runs that have begun are
     finished, and no other begins. Where the campaign ends otherwise, a run that has begun is ended.
     """
-    waiting = _Waiting(tasks)
-    if not beside or len(tasks) < 2 or not any(map(_is_of_engine, tasks)):
+    engines, others = (list(filter(_is_of_engine, tasks)), list(filterfalse(_is_of_engine, tasks)))
+    if not beside or len(tasks) < 2 or not engines:
+        waiting = _Waiting(tasks)
         while (task := waiting.take()) is not None:
             yield from _solved(task, waiting, say, state, ())
         return
+    # the shortest of the others are first, so that what is read off them is there early
+    waiting = _Waiting([*engines, *reversed(others)])
     thread = _EngineThread(waiting)
     try:
         while True:

@@ -76,6 +76,19 @@ def test_two_engines_run_at_a_time_where_nothing_else_is_left(monkeypatch: pytes
     assert sorted(task.name for task, _ in _made(tasks)) == sorted(task.name for task in tasks)
 
 
+def test_the_shortest_of_the_other_cases_are_solved_first_beside_engines(monkeypatch: pytest.MonkeyPatch) -> None:
+    order: list[str] = []
+
+    def perform(task: Task) -> Outcome:
+        if task.case.backend != ENGINE:
+            order.append(task.name)
+        return Outcome()
+
+    _perform(monkeypatch, perform)
+    list(_made(_tasks(OTHER, ENGINE, OTHER, OTHER)))
+    assert order == ["4 verlet", "3 verlet", "1 verlet"]
+
+
 @pytest.mark.parametrize(
     ("beside", "backends"),
     [(False, (ENGINE, OTHER)), (True, (ENGINE,)), (True, (OTHER, OTHER))],
@@ -154,7 +167,7 @@ def test_after_a_stop_what_has_begun_is_finished_and_nothing_else_begins(monkeyp
     monkeypatch.setattr(here, "stop_requested", asked.is_set)
     _perform(monkeypatch, perform)
     made = [task.name for task, _ in _made(_tasks(OTHER, ENGINE, ENGINE, OTHER))]
-    assert sorted(made) == ["1 verlet", "2 lammps-granular"]
+    assert sorted(made) == ["2 lammps-granular", "4 verlet"]
 
 
 def test_the_lock_on_a_run_lasts_until_it_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

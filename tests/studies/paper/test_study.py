@@ -22,7 +22,7 @@ from dem_bridge.cli import main
 from dem_bridge.errors import BackendUnavailable, UsageError
 from dem_bridge.observables.differences import difference
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.report import images
+from dem_bridge.report import svg
 from dem_bridge.runs.campaign import tasks
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.store import Store
@@ -232,7 +232,7 @@ def test_a_second_report_judges_and_draws_nothing(small: None, tmp_path: Path, m
     words = ("verify", "paper", "--accuracy", "1e-4", "-j", "1", "-o")
     assert CliRunner().invoke(main, [*words, str(tmp_path / "first")]).exit_code == 0
     for module, name in (
-        (tasks, "run_case"), (study, "read_paper"), (verify, "assess_scene"), (images, "svg_of"),
+        (tasks, "run_case"), (study, "read_paper"), (verify, "assess_scene"), (svg, "svg_of"),
     ):  # fmt: skip
         monkeypatch.setattr(module, name, Mock(side_effect=AssertionError(f"{name} is called again")))
     done = CliRunner().invoke(main, [*words, str(tmp_path / "second")])
