@@ -12,7 +12,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable
-from concurrent.futures import CancelledError, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,12 @@ class Beside:
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )
         # a question may be larger than a pipe takes while the process still imports
-        self._thread = ThreadPoolExecutor(1)
+        self._thread, self._asked = ThreadPoolExecutor(1), list[Future[Any]]()
+
+    @property
+    def waiting(self) -> int:
+        """Return how many questions have no answer yet."""
+        return sum(not future.done() for future in self._asked)
 
     def ask(self, question: bytes) -> Callable[[], Any]:
         """Have a function called with its arguments, which :func:`packed` packs; return a function that awaits it.
@@ -54,6 +59,7 @@ class Beside:
         That function raises Unanswered if there is no value.
         """
         future = self._thread.submit(self._answer, question)
+        self._asked.append(future)
 
         def wait() -> Any:
             try:

@@ -17,15 +17,17 @@ from typing import Any, TypeVar
 from dem_bridge.foundation.beside import Beside, Unanswered, packed
 
 R = TypeVar("R")
+#: pictures that wait for a process, from which on the start of a further one is worth its half second
+_MANY = 6
 #: what the process imports when it starts
 _IMPORTED = ("dem_bridge.report.drawing", "matplotlib.backends.backend_svg")
 
 
 class Drawer:
-    """A process that draws, with what it was asked for."""
+    """A process that draws, and further ones while many pictures wait, with what they were asked for."""
 
     def __init__(self) -> None:
-        self._beside, self._owner = Beside(*_IMPORTED), os.getpid()
+        self._processes, self._owner = [Beside(*_IMPORTED)], os.getpid()
         self._begun: dict[bytes, Callable[[], Any]] = {}
 
     def begin(self, function: Callable[..., R], *arguments: Any) -> Callable[[], R]:
@@ -35,7 +37,7 @@ class Drawer:
             return lambda: function(*arguments)
         digest = hashlib.sha256(question).digest()
         if digest not in self._begun:
-            self._begun[digest] = self._beside.ask(question)
+            self._begun[digest] = self._free().ask(question)
         answer = self._begun[digest]
 
         def wait() -> R:
@@ -47,10 +49,21 @@ class Drawer:
 
         return wait
 
+    def _free(self) -> Beside:
+        """Return the process with the fewest pictures to draw, a further one if these are many."""
+        free = min(self._processes, key=lambda process: process.waiting)
+        if free.waiting < _MANY or len(self._processes) >= len(os.sched_getaffinity(0)):
+            return free
+        with suppress(OSError):
+            free = Beside(*_IMPORTED)
+            self._processes.append(free)
+        return free
+
     def end(self) -> None:
-        """End the process."""
+        """End the processes."""
         if self._owner == os.getpid():
-            self._beside.end()
+            for process in self._processes:
+                process.end()
 
 
 _lock = Lock()

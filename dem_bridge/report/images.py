@@ -6,9 +6,9 @@ import hashlib
 import re
 from collections.abc import Callable, Sequence
 from html import escape
-from importlib.metadata import version
 from typing import TypeVar
 
+from dem_bridge.backends.base import version_of
 from dem_bridge.report.drawer import drawn
 from dem_bridge.report.study import FigureData
 from dem_bridge.report.svg import svg_of_data
@@ -45,7 +45,7 @@ def begin_recalled_picture(
 
     ``begin`` returns the function that awaits the picture. Otherwise the picture comes from the store.
     """
-    drawing = {"code": digest(code_of_all()), "matplotlib": version("matplotlib"), "pillow": version("pillow")}
+    drawing = {"code": digest(code_of_all())} | {name: version_of(name) for name in ("matplotlib", "pillow")}
     return begin_recall(store, f"picture {name}", keys, begin, scenes=scenes, drawing=drawing, shown=shown)
 
 

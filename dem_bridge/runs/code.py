@@ -34,10 +34,9 @@ NOT_IN_STUDIES = (
     "api", "cli", "formats.tables", "formats.writers", "foundation.notebook", "foundation.presenters",
     "foundation.wording", "plot", "report.styles", "report.drawing", "report.drawing_names", "report.drawing_styles",
     "report.drawer", "report.images", "report.live", "report.page", "report.svg", "report.templates",
-    "runs.campaign.cluster", "trajectory.shown",
-    "verification.banner", "verification.bundle", "verification.chains", "verification.figures", "verification.page",
-    "verification.records", "verification.regression", "verification.replay",
-    "verification.templates",
+    "runs.campaign.cluster", "trajectory.shown", "verification.banner", "verification.bundle", "verification.chains",
+    "verification.figures", "verification.page", "verification.pictures", "verification.records",
+    "verification.regression", "verification.replay", "verification.templates",
 )  # fmt: skip
 #: folder of the rules of uncertainties, and the module there that selects the family or rule of each backend, which the
 #: catalogue names: its imports are those of all backends
@@ -119,7 +118,7 @@ def is_within(name: str, parts: Iterable[str]) -> bool:
     >>> is_within("runs.store", ("runs",)), is_within("runs_of_others", ("runs",))
     (True, False)
     """
-    return any(f"{name}.".startswith(f"{part}.") for part in parts)
+    return f"{name}.".startswith(tuple([f"{part}." for part in parts]))
 
 
 @cache
@@ -131,9 +130,12 @@ def code_of_all(package: Path = PACKAGE) -> Mapping[str, str]:
 @cache
 def sources(package: Path = PACKAGE) -> tuple[Path, ...]:
     """Return the modules, templates, texts and tables of the package, without the shipped scenes."""
-    scenes = package / "scenes"  # they have keys of their own
-    files = (file for suffix in (".py", *_DATA) for file in package.rglob(f"*{suffix}"))
-    return tuple(sorted(file for file in files if scenes not in file.parents))
+    scenes, files = package / "scenes", list[Path]()  # scenes have keys of their own
+    for folder, folders, names in os.walk(package):
+        # a folder of compiled files has a thousand of them
+        folders[:] = [name for name in folders if name != "__pycache__" and Path(folder, name) != scenes]
+        files += [Path(folder, name) for name in names if name.endswith((".py", *_DATA))]
+    return tuple(sorted(files))
 
 
 def changed_since_start(package: Path = PACKAGE) -> bool:

@@ -7,7 +7,7 @@ verification how large the numerical error of a given run is, and validation whe
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,20 +17,16 @@ from numpy.typing import NDArray
 from dem_bridge.backends.base import BACKENDS, ENGINE_BACKENDS
 from dem_bridge.foundation.notebook import picture, scene_sketch
 from dem_bridge.observables.verdict import Outcome
-from dem_bridge.report.drawer import drawn
-from dem_bridge.report.images import begin_recalled_picture
 from dem_bridge.report.live import Chain, error_scale_of, shown_chains
 from dem_bridge.report.page import KINDS, SEVERITY, outcomes_of, study_files, valued
-from dem_bridge.report.svg import svg_drawn_by, svg_of_data
 from dem_bridge.report.texts import Texts
 from dem_bridge.runs.recall import recall
 from dem_bridge.runs.store import Store
 from dem_bridge.verification import records
-from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.banner import banner_of
 from dem_bridge.verification.chains import chains_of, error_scale
 from dem_bridge.verification.independence import ANSWERS_THROUGH, Shared, matrix
-from dem_bridge.verification.panels import front_of, maps_of, motion_of, only_drawn
+from dem_bridge.verification.pictures import begin_pictures, with_figures_of
 from dem_bridge.verification.proved import ProvedMotion, proved_motion
 from dem_bridge.verification.reference_choice import BLANES_MOAN, REFERENCE, SCIPY
 from dem_bridge.verification.roles import POSITIONAL, THEORY, TWIN
@@ -64,12 +60,6 @@ def _proved(study: Verification) -> list[ProvedMotion]:
     return [motion for motion in motions if motion is not None]
 
 
-def _with_figures(study: Verification) -> list[SceneStudy]:
-    """Return the scenes with figures of their own: those with refinement levels, if the whole paper was verified."""
-    refined = [item for item in study.studies if any(len(steps) > 1 for steps, _ in item.refinement.values())]
-    return refined if study.claims else list(study.studies)
-
-
 def _played(study: Verification) -> list[Chain]:
     """Return what the page plays."""
     by_name = {item.scene.name: item for item in study.studies}
@@ -79,9 +69,9 @@ def _played(study: Verification) -> list[Chain]:
 
 def _shown(study: Verification, store: Store | None) -> dict[str, Any]:
     """Return what the page shows beside the parts that every study has."""
-    pictures = _begin_pictures(study, store)
+    pictures = begin_pictures(study, store)
     # scenes of the paper without refinement levels have no figures of their own
-    with_figures = _with_figures(study)
+    with_figures = with_figures_of(study)
     scales = [panel for figure in study.figures if figure.id == "scale" for panel in figure.panels]
     errors = scales[0] if scales else error_scale(study.studies)
     of = {"outcomes": outcomes_of(study.verdicts, "LAMMPS and of our codes")} if study.claims else {}
@@ -151,49 +141,3 @@ def _range(values: Sequence[float] | NDArray[np.float64]) -> str:
     """Return the least and the largest of some values as text, or the value if all are the same."""
     ends = [f"{value:.3g}" for value in (np.min(values), np.max(values))]
     return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
-
-
-#: the module that draws, which imports matplotlib
-_FIGURES = "dem_bridge.verification.figures"
-#: pictures that are the same whatever the verdicts are, and the functions of their data
-_OF_RUNS = {"motion": motion_of, "spacetime_maps": maps_of, "front_along_chain": front_of}
-
-
-def pictures_shown(study: Verification) -> list[tuple[str, list[SceneStudy]]]:
-    """List the pictures that the page shows: the name of each in :mod:`.figures`, and its scenes."""
-    chains, paper = _with_figures(study), bool(study.claims)
-    motions = [] if paper else [("motion", [item]) for item in study.studies]
-    budgets = [("error_budget", [item]) for item in chains if item.budgets]
-    names = ("convergence",) if paper else ("spacetime_maps", "front_along_chain", "convergence")
-    return [*motions, *budgets, *((name, chains[k : k + 2]) for k in range(0, len(chains), 2) for name in names)]
-
-
-def _begin_pictures(study: Verification, store: Store | None) -> Callable[[str, Sequence[SceneStudy]], str | None]:
-    """Begin to draw the pictures of the page, and return the function that awaits one of them."""
-
-    def place(name: str, studies: Sequence[SceneStudy]) -> tuple[str, ...]:
-        return (name, *(item.scene.name for item in studies))
-
-    begun = {place(name, studies): begin_picture(name, studies, store) for name, studies in pictures_shown(study)}
-    return lambda name, studies: begun[place(name, studies)]()
-
-
-def begin_picture(name: str, studies: Sequence[SceneStudy], store: Store | None = None) -> Callable[[], str | None]:
-    """Begin a picture that a function of :mod:`.figures` draws, and return what awaits it: None if it draws none."""
-
-    def begin() -> Callable[[], str | None]:
-        if name not in _OF_RUNS:
-            return drawn(svg_drawn_by, _FIGURES, name, [only_drawn(study) for study in studies])
-        data = _OF_RUNS[name](studies)
-        return (lambda: None) if data is None else drawn(svg_of_data, data)
-
-    keys = [result.key for study in studies for result in study.results]
-    judged = [
-        (
-            study.refinement,
-            [verdict.as_json() for verdict in study.verdicts],
-            [budget.as_json() for budget in study.budgets],
-        )
-        for study in studies
-    ]
-    return begin_recalled_picture(store, name, keys, begin, [study.scene for study in studies], judged=judged)

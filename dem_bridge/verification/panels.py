@@ -14,9 +14,7 @@ import numpy as np
 
 from dem_bridge.backends.base import ENGINE_BACKENDS
 from dem_bridge.observables.registry import OBSERVABLES
-from dem_bridge.report.drawer import drawn, is_drawing_beside
 from dem_bridge.report.study import FigureData, Map, Panel, Series
-from dem_bridge.report.svg import svg_of_data
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Floats, Trajectory
 from dem_bridge.verification.assess import SceneStudy
@@ -235,17 +233,3 @@ def _figure(panels: Sequence[Panel], columns: int | None = None) -> FigureData:
 def _shown_backend(study: SceneStudy) -> str:
     """Return the label of the run that is drawn: LAMMPS, or the reference without LAMMPS."""
     return "LAMMPS" if study.run(study.engine) is not None else "reference"
-
-
-def only_drawn(study: SceneStudy) -> SceneStudy:
-    """Return a study without what no picture of verdicts shows: of the runs it has LAMMPS' main run alone."""
-    runs = [result for result in study.results if result.case.backend == study.engine][:1]
-    return replace(study, roles=replace(study.roles), runs=None, others=tuple(runs), observables=())
-
-
-def begin_motion(study: SceneStudy) -> None:
-    """Begin to draw what is shown of LAMMPS' run, as soon as it is there; nothing where no process draws."""
-    if is_drawing_beside():
-        for data in (motion_of([study]), maps_of([study])):
-            if data is not None:
-                drawn(svg_of_data, data)

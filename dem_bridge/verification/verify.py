@@ -29,7 +29,7 @@ from dem_bridge.scene.scene import Scene
 from dem_bridge.verification import checks
 from dem_bridge.verification.assess import SceneStudy, assess_scene, named_failures
 from dem_bridge.verification.budget import Budget
-from dem_bridge.verification.panels import begin_motion
+from dem_bridge.verification.pictures import begin_budget, begin_motion
 from dem_bridge.verification.reference_choice import REFERENCE
 from dem_bridge.verification.roles import Roles, Runs, assign_roles, list_cases
 from dem_bridge.verification.under_way import UnderWay
@@ -67,7 +67,9 @@ def verify_scenes(
 
     def ended(number: int, results: Sequence[Result]) -> None:
         assess(number, results)
-        if number >= len(plans):
+        if number < len(plans):
+            begin_budget(under_way.studies[number])
+        else:
             begin_motion(SceneStudy(roles=plans[number - len(plans)].roles, others=tuple(results), verdicts=()))
 
     groups = [*(plan.cases for plan in plans), *(plan.moving for plan in plans)]

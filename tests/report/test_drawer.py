@@ -72,6 +72,17 @@ def test_what_was_begun_before_is_drawn_once(beside: None, monkeypatch: pytest.M
     assert len(asked) == 2
 
 
+def test_a_further_process_draws_while_many_pictures_wait(fresh: None) -> None:
+    with drawing_beside():
+        prepare_drawing()
+        pictures = [drawn(about, each) for each in range(40)]
+        pids = {picture()[0] for picture in pictures}
+        assert [picture()[1] for picture in pictures] == [(each,) for each in range(40)]
+        assert len(pids) == 2  # of two cores
+        assert len({drawn(about, str(each))()[0] for each in range(3)}) == 1
+    assert running(pids) == []
+
+
 def test_what_fails_there_or_cannot_go_there_is_drawn_here(beside: None) -> None:
     assert drawn(here_alone, os.getpid())() == os.getpid()
     assert drawn(lambda: "a picture")() == "a picture"

@@ -234,3 +234,12 @@ def test_the_key_of_a_run_has_all_that_its_kernels_are_compiled_from() -> None:
 
 if __name__ == "__main__":
     PINNED.write_text(pinned_text(), encoding="utf-8")
+
+
+def test_sources_are_the_code_and_its_data_without_scenes_and_compiled_files(tmp_path: Path) -> None:
+    names = ("a.py", "b/c.py", "b/d.toml", "b/scenes/e.toml", "f.j2", "g.json", "h.template")
+    others = ("scenes/a.toml", "scenes/b/c.py", "__pycache__/a.py", "b/__pycache__/d.json", "i.txt", "j.pyc")
+    for name in (*names, *others):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("")
+    assert code.sources(tmp_path) == tuple(sorted(tmp_path / name for name in names))

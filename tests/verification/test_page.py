@@ -10,10 +10,11 @@ import pytest
 import dem_bridge as db
 from dem_bridge.observables.verdict import Outcome, Verdict
 from dem_bridge.report.study import Claim
-from dem_bridge.verification import page
+from dem_bridge.verification import pictures
 from dem_bridge.verification.assess import SceneStudy
 from dem_bridge.verification.budget import Budget
-from dem_bridge.verification.page import PARTS, pictures_shown, scope, verification_files
+from dem_bridge.verification.page import PARTS, scope, verification_files
+from dem_bridge.verification.pictures import pictures_shown
 from dem_bridge.verification.roles import assign_roles
 from dem_bridge.verification.verification import verification_of
 
@@ -71,7 +72,7 @@ def test_all_pictures_of_the_page_are_begun_before_the_first_is_awaited(
 
         return wait
 
-    monkeypatch.setattr(page, "begin_picture", begin)
+    monkeypatch.setattr(pictures, "begin_picture", begin)
     verification_files(study)
     expected = [(name, *(item.scene.name for item in shown)) for name, shown in pictures_shown(study)]
     assert events[: len(expected)] == [("begun", *picture) for picture in expected]

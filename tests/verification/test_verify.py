@@ -28,9 +28,11 @@ from dem_bridge.scene.features import DRAG
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from dem_bridge.scene.support import Support
 from dem_bridge.trajectory.trajectory import Trajectory
-from dem_bridge.verification import checks, panels
+from dem_bridge.verification import checks, pictures
 from dem_bridge.verification.assess import SceneStudy, assess_scene
-from dem_bridge.verification.panels import begin_motion, maps_of, motion_of
+from dem_bridge.verification.budget import Budget
+from dem_bridge.verification.panels import maps_of, motion_of
+from dem_bridge.verification.pictures import begin_budget, begin_motion
 from dem_bridge.verification.reference_choice import BLANES_MOAN, REFERENCE, SCIPY
 from dem_bridge.verification.roles import TABLE, THEORY, TWIN, Runs, assign_roles
 from dem_bridge.verification.verify import plan_scene, verify_scenes
@@ -460,7 +462,7 @@ def test_a_scene_is_verified_without_the_readers_of_files_and_backends_that_do_n
     assert (done.returncode, done.stdout) == (77, "use backend = 'scipy' []\n"), done.stderr
 
 
-def test_the_motion_is_drawn_as_soon_as_its_runs_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_motion_and_budget_are_drawn_as_soon_as_they_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
     events: list[str] = []
     begun: list[SceneStudy] = []
 
@@ -477,6 +479,9 @@ def test_the_motion_is_drawn_as_soon_as_its_runs_are_there(monkeypatch: pytest.M
         events.append("motion")
         begun.append(study)
 
+    def begin_of_verdicts(study: SceneStudy) -> None:
+        events.append("budget")
+
     twin = db.solve(SHORT, backend=TWIN, dt=1e-6)
     monkeypatch.setattr(
         "dem_bridge.verification.verify.assess_scene",
@@ -484,8 +489,9 @@ def test_the_motion_is_drawn_as_soon_as_its_runs_are_there(monkeypatch: pytest.M
     )
     monkeypatch.setattr("dem_bridge.verification.verify.run_groups", run)
     monkeypatch.setattr("dem_bridge.verification.verify.begin_motion", begin)
+    monkeypatch.setattr("dem_bridge.verification.verify.begin_budget", begin_of_verdicts)
     [study] = verify_scenes([SHORT], accuracy=1e-4, dt=1e-6).studies
-    assert events == ["motion", "further runs"]
+    assert events == ["motion", "further runs", "budget"]
     # it is the picture that the page shows
     for figure in (motion_of, maps_of):
         early, late = (figure([each]) for each in (*begun, study))
@@ -493,9 +499,18 @@ def test_the_motion_is_drawn_as_soon_as_its_runs_are_there(monkeypatch: pytest.M
         assert late is not None
         assert packed(svg_of_data, early) == packed(svg_of_data, late)
     drawn: list[bytes | None] = []
-    monkeypatch.setattr(panels, "drawn", lambda *what: drawn.append(packed(*what)))
+    monkeypatch.setattr(pictures, "drawn", lambda *what: drawn.append(packed(*what)))
     begin_motion(study)
     assert drawn == []  # no process draws
-    monkeypatch.setattr(panels, "is_drawing_beside", lambda: True)
+    monkeypatch.setattr(pictures, "is_drawing_beside", lambda: True)
     begin_motion(study)
     assert drawn == [packed(svg_of_data, figure([study])) for figure in (motion_of, maps_of)]
+    drawn.clear()
+    begin_budget(study)
+    assert drawn == []  # there is none
+    budget = Budget(quantity="velocity", found=1e-6, parts={}, unexplained=0.0, allowed=1e-12, scale_name="largest")
+    begin_budget(replace(study, budgets=(budget,)))
+    # the question is that of the page, which has another object with the same content
+    pictures.begin_of_verdicts("error_budget", [replace(study, budgets=(budget,))])
+    assert len(drawn) == 2
+    assert drawn[0] == drawn[1] is not None
