@@ -38,10 +38,9 @@ from dem_bridge.scene.scene import Scene
 ATOL_SHARE = 1e-4
 #: the same for what is far slower than a static force could make it: 1e-2 of 3e-14 is the last digit of that force
 REST_SHARE = 1e-2
-#: exponents this near a whole number, but not whole: the force is singular at touch, and too weakly for the estimate of
-#: DOP853's error to see it. A first step of a tenth of the contact's time cost n = 2.000001 1.7e-11 of the peak force,
-#: at all tolerances alike; this part of ``d/u`` costs 1e-15
-NEARLY_WHOLE, SHORT = 0.01, 1e-3
+#: tolerances of a contact's closing rate by which the first step may miss the impulse of its force, see
+#: :meth:`Integration.longest_start`. A contact that is alone begins with a step that misses 2
+MISSED = 3.0
 #: part of the unfelt overlap that is round-off of a located event
 LATE = 1e-3
 #: part of the overlap that the energy allows, and of the largest speed, below which a run states a near touch, or a
@@ -49,6 +48,16 @@ LATE = 1e-3
 NEAR_TOUCH = 1e-6
 #: fractions of a step that begins with a closing rate of exactly 0 at which its sign is evaluated: it may turn at once
 PROBES = 2.0 ** np.arange(-20, 1)
+
+
+def missed_impulse(power: Floats) -> Floats:
+    """Return what a step of DOP853 misses of the integral of ``t^power`` from 0 to 1; last digits where it is whole.
+
+    >>> missed_impulse(np.array([1.5])).round(6).tolist()
+    [0.000106]
+    """
+    stages = DOP853.C[: len(DOP853.B)] ** power[:, None] @ DOP853.B
+    return np.asarray(np.maximum(np.abs(stages - 1.0 / (power + 1.0)), np.finfo(float).eps))
 
 
 class NearTouch(TypedDict):
@@ -174,10 +183,7 @@ class Integration:
             self.atol = np.maximum(self.atol, REST_SHARE * rtol * rest)
             self.atol[:k] = np.maximum(self.atol[:k], rounded_overlap(scene))
         self.resting = resting_acceleration(scene)
-        away = np.abs(c.exponent - np.round(c.exponent))
-        self.nearly_whole = (
-            np.flatnonzero((away > 0.0) & (away < NEARLY_WHOLE)) if scene.law is None else np.zeros(0, int)
-        )
+        self.missed = missed_impulse(self.contacts["power"])
         self.times = sampling.times(scene.duration)
         rows = len(self.times)
         self.displacement, self.velocity = np.zeros((rows, n)), np.zeros((rows, n))
@@ -209,7 +215,7 @@ class Integration:
             self._set_piston(at, stop, y)
             with np.errstate(over="ignore", invalid="ignore"):  # a trial step may be far too long, and is refused
                 solver = self._solver(state, at, y, stop)
-            solver.h_abs = min(solver.h_abs, self._longest_start(y))
+            solver.h_abs = min(solver.h_abs, self.longest_start(y))
             event = None
             while event is None and solver.status == "running":
                 begin = solver.f
@@ -273,16 +279,24 @@ class Integration:
         overlap = y[: self.k]
         return np.where((overlap > 0.0) | ((overlap == 0.0) & (self.closing_rates(y) >= 0.0)), PRESSING, OPEN)
 
-    def _longest_start(self, y: Floats) -> float:
-        """Return the longest first step, s, where a contact of nearly whole exponent begins; else inf."""
+    def longest_start(self, y: Floats) -> float:
+        """Return the longest first step, s, at a state in which contacts begin; inf where none does.
+
+        A force ``overlap^(n - 1)`` is singular at touch unless n is whole. The estimate of DOP853's error is too small
+        for it where stiffer contacts bend the motion, and where n is nearly whole: it misses what is missed at all
+        tolerances alike. With the time ``d/u`` of a contact, ``d^n = n u^2 / (2 beta (1/m + 1/M))``, a first step h
+        misses ``n/2 missed (h u/d)^n`` of its closing rate u.
+        """
         rate, contacts = self.closing_rates(y), self.contacts
-        in_touch = (y[self.nearly_whole] >= 0.0) & (y[self.nearly_whole] <= self.touch[self.nearly_whole])
-        begins = self.nearly_whole[in_touch & (rate[self.nearly_whole] > 0.0)]
-        mobility = np.append(self.bodies["mobility"], 0.0)
-        both = mobility[contacts["left"][begins]] + mobility[contacts["right"][begins]]
-        n = contacts["power"][begins] + 1.0
-        depth = (0.5 * n * rate[begins] / both * rate[begins] / contacts["stiffness"][begins]) ** (1.0 / n)
-        return float(np.min(SHORT * depth / rate[begins], initial=math.inf))
+        begins = np.flatnonzero((y[: self.k] >= 0.0) & (y[: self.k] <= self.touch) & (rate > 0.0))
+        if self.laws or len(begins) == 0:
+            return math.inf
+        mobility, contacts, rate = np.append(self.bodies["mobility"], 0.0), contacts[begins], rate[begins]
+        both, n = mobility[contacts["left"]] + mobility[contacts["right"]], contacts["power"] + 1.0
+        with np.errstate(divide="ignore"):  # a piston on a wall has no mobility
+            depth = (0.5 * n * rate / both * rate / contacts["stiffness"]) ** (1.0 / n)
+        part = (MISSED * self.rtol / (0.5 * n * self.missed[begins])) ** (1.0 / n)
+        return float(np.min(part * depth / rate))
 
     def _switch(self, contact: int, y: Floats, state: NDArray[Any]) -> None:
         """Open or close a contact, in place."""

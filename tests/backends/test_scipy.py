@@ -270,3 +270,19 @@ def test_the_first_moment_of_a_contact_is_found_however_early_it_is() -> None:
     looser = db.solve(scene, backend="scipy", uncertainty=False, rtol=1e-12)
     largest = np.max(np.abs(run.velocity))
     assert np.max(np.abs(run.velocity - looser.velocity)) < 1e-9 * largest
+
+
+def test_a_first_step_sees_a_contact_that_begins_beside_a_stiffer_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    masses, speeds = (0.06, 8e-3, 3e-3), (3.6e-4, 5.8e-4, -3.9e-4)
+    beside = Scene(name="beside", duration=14e-3, mass=masses, stiffness=(1.2e5, 7e8), velocity=speeds, samples=4)
+    truth = db.solve(beside, backend="reference", uncertainty=False)
+    assert "answered_by" not in truth.provenance
+
+    def error() -> float:
+        return abs(float(db.solve(beside, backend="scipy", uncertainty=False).peak_force[0] / truth.peak_force[0]) - 1)
+
+    # some tens of steps err by a part of the tolerance each
+    assert error() < 20 * scipy_dop853.DEFAULT_RTOL
+    # planted: the step that scipy itself chooses, by an estimate that the stiff contact makes too small
+    monkeypatch.setattr(scipy_integration, "MISSED", 1e9)
+    assert error() > 40 * scipy_dop853.DEFAULT_RTOL
