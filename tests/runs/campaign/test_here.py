@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -135,7 +134,7 @@ def test_a_campaign_that_ends_early_ends_the_run_that_has_begun(monkeypatch: pyt
         try:
             for _ in range(int(100 * PATIENCE)):
                 progress.report(0.5)  # as an engine does while it is waited for
-                time.sleep(0.01)
+                ended.wait(0.01)
         except Interrupted:
             ended.set()
             raise
@@ -158,7 +157,7 @@ def test_after_a_stop_what_has_begun_is_finished_and_nothing_else_begins(monkeyp
         if task.case.backend == ENGINE:
             begun.set()
             assert asked.wait(PATIENCE)
-            time.sleep(0.05)
+            threading.Event().wait(0.05)
         else:
             assert begun.wait(PATIENCE)
             asked.set()
