@@ -90,7 +90,8 @@ def _thinned(chain: Chain, times: int) -> Chain:
     wanted = np.linspace(chain.time[0], chain.time[-1], times)
     after = np.clip(np.searchsorted(chain.time, wanted), 1, max(1, len(chain.time) - 1))
     nearer = wanted - chain.time[after - 1] < chain.time[after] - wanted
-    rows = np.unique(np.where(nearer, after - 1, after))
+    rows = np.where(nearer, after - 1, after)
+    rows = rows[np.diff(rows, prepend=-1) > 0]  # they ascend, and numpy.unique takes long to import
     values = {name: getattr(chain, name) for name in Chain.__dataclass_fields__}
     return Chain(**values | {"time": chain.time[rows], "velocity": chain.velocity[rows]})
 

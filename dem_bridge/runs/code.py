@@ -202,6 +202,7 @@ def _joined(source: str, items: str) -> list[str]:
     return [f"{source}.{item}" for item in re.findall(r"\w+", items)]
 
 
+@cache
 def _counts(name: str, package: Path) -> bool:
     """Return True for a module of the package that numbers of a run may pass through."""
     inner = name.startswith(_OURS) and not is_within(name.removeprefix(_OURS), NOT_IN_RUNS)
@@ -224,12 +225,17 @@ def _named_in(file: Path) -> frozenset[Path]:
 
 def _name(file: Path, package: Path) -> str:
     """Return the name of the module that a file is, or that it would be if it were one, without the package."""
-    return ".".join(file.relative_to(package).with_suffix("").parts).removesuffix(".__init__")
+    return os.path.splitext(_place(file, package))[0].replace("/", ".").removesuffix(".__init__")
+
+
+def _place(file: Path, package: Path) -> str:
+    """Return the path of a file within the package."""
+    return str(file).removeprefix(f"{package}/")
 
 
 def _hashes(files: Iterable[Path], package: Path) -> dict[str, str]:
     """Return the first 12 digits of the sha256 of each file, by its path within the package."""
-    return dict(sorted((file.relative_to(package).as_posix(), _hash(file)) for file in files))
+    return dict(sorted((_place(file, package), _hash(file)) for file in files))
 
 
 @cache

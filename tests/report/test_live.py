@@ -31,6 +31,16 @@ def test_data_are_the_samples_of_the_run_to_sixteen_bits() -> None:
     assert (times[0], times[-1]) == (0.0, 0.6)
 
 
+def test_samples_that_are_dense_in_a_part_of_the_time_are_shown_once_each_in_their_order() -> None:
+    uneven = replace(CHAIN, time=TIME[-1] * (TIME / TIME[-1]) ** 3)
+    [shown] = shown_chains([uneven])
+    times = np.array(shown["data"]["times"])
+    wanted = 1e3 * np.linspace(0.0, TIME[-1], MOST_TIMES_OF_MAP)
+    nearest = np.unique(np.argmin(np.abs(wanted[:, None] - 1e3 * uneven.time), axis=1))
+    assert len(nearest) < MOST_TIMES_OF_MAP
+    np.testing.assert_allclose(times, 1e3 * uneven.time[nearest], rtol=0.0, atol=1e-4)
+
+
 def test_a_value_that_is_unknown_stays_unknown() -> None:
     velocity = CHAIN.velocity.copy()
     velocity[0, 3] = np.nan
