@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from pathlib import Path
@@ -180,6 +180,12 @@ class Model:
             line(motion.acceleration),
             line(motion.force),
         )
+
+
+@lru_cache(maxsize=1)
+def model_of(scene: Scene) -> Model:
+    """Return the model of a scene: fits and errors of steps of one file need the same motions."""
+    return Model(scene)
 
 
 @cache

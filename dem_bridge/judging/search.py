@@ -16,7 +16,7 @@ from dem_bridge.judging.chain_hypotheses import common_factor, global_hypotheses
 from dem_bridge.judging.decision import Decision
 from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION, TOLERANCE_OF_SEARCH, Data, Fit, Fitter, least
 from dem_bridge.judging.hypotheses import LOG_STARTS, WALLS, Changes, Hypothesis, Variant
-from dem_bridge.judging.model import Model
+from dem_bridge.judging.model import model_of
 from dem_bridge.judging.samples import half_steps, sample_hypotheses
 from dem_bridge.scene.scene import Scene
 
@@ -58,7 +58,7 @@ class Search:
     """True once the file looks like one of another scene, on which no further search is spent."""
 
     def __init__(self, scene: Scene, record: Any, floor: Mapping[str, float]) -> None:
-        self.scene, self.model, self.record = scene, Model(scene), record
+        self.scene, self.model, self.record = scene, model_of(scene), record
         self.data = Data(record, self.model, floor)
         self.decision = Decision(self.data)
         self.base, self.exact, self.errors = self.decision.base, self.decision.exact, self.decision.errors

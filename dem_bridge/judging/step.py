@@ -18,7 +18,7 @@ from dem_bridge.judging import kernels
 from dem_bridge.judging.decision import METHODS_OF_RIGHT_CODES, Decision
 from dem_bridge.judging.diagnosis import Diagnosis
 from dem_bridge.judging.fitting import MOST_STEPS_OF_METHOD, TOLERANCE_OF_DECISION, Fit, Stepping
-from dem_bridge.judging.model import Model, Motion, resolving_step
+from dem_bridge.judging.model import Model, Motion, model_of, resolving_step
 from dem_bridge.judging.reference import FileErrors
 from dem_bridge.observables.largest_step import ACCURACIES, StepError, measure_steps
 from dem_bridge.observables.modes import highest_mode
@@ -74,7 +74,7 @@ def predict_step_error(
     """
     if scene.law is not None:
         return None
-    model = Model(scene)
+    model = model_of(scene)
     times = np.linspace(0.0, scene.duration, scene.samples + 1) if times is None else times
     name = quantity.rsplit("_", maxsplit=1)[-1]
     exact = getattr(model.exact(model.system, times, TOLERANCE_OF_DECISION), name)
@@ -157,7 +157,7 @@ def errors_by_step(scene: Scene, diagnosis: Diagnosis, file: FileErrors) -> dict
     unexplained = file.first_divergence(scene)
     if unexplained is None or not steppings:
         return None
-    model, time = Model(scene), np.maximum(file.record.time, 0.0)
+    model, time = model_of(scene), np.maximum(file.record.time, 0.0)
     exact = _quantities(scene, model.exact(model.system, time, TOLERANCE_OF_DECISION))
 
     def by(stepping: Stepping, rows: int) -> tuple[float, dict[str, Floats]]:

@@ -169,7 +169,7 @@ def shipped_scene(scene: Scene, data: Data, error: float) -> ShippedScene | None
             continue
         motion = Variant(system_of(other))
         # what begins otherwise does not need its whole motion
-        for rows in (-(-len(data.time) // 8), len(data.time)):
+        for rows in (-(-len(data.time) // 64), -(-len(data.time) // 8), len(data.time)):
             size = float(np.max(data.errors(data.predict(motion, rows, TOLERANCE_OF_SEARCH))))
             if not size < least:
                 break

@@ -59,8 +59,13 @@ def solve(case: Case, cache: RunCache | None = None, code: Backend | None = None
     else:
         if case.backend in OWN_STEPS or case.backend == TWIN:
             _family(case, cache)  # the run is one of its family, which the cache keeps
-        with progress.share(0.0, 1.0 / (1 + len(looser_cases(case)))):
+        looser = looser_cases(case)
+        # replicas need nothing of the run, and more cores than one have more to do
+        wait_for_replicas = started(_replicas, case) if case.backend in REPLICAS and not looser else None
+        with progress.share(0.0, 1.0 / (1 + len(looser))):
             run = _run(case, cache, code)
+        if wait_for_replicas is not None:
+            return replace(run, uncertainty=_from_replicas(case, run, wait_for_replicas()))
     return replace(run, uncertainty=estimate_uncertainty(case, run, cache))
 
 
@@ -89,12 +94,7 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
         return run.uncertainty
     looser = looser_cases(case)
     if not looser:
-        from dem_bridge.runs.uncertainty.from_replicas import replica_uncertainty, rule_of, widen_for_the_end
-
-        code = cast(Replicating, backend(case.backend))
-        replicas = code.replicas(case.scene, case.resolution, case.sampling)
-        uncertainty = replica_uncertainty(run, replicas, rule_of(case.backend, case.scene))
-        return widen_for_the_end(uncertainty, case.scene, run)
+        return _from_replicas(case, run, _replicas(case))
     from dem_bridge.backends.scipy_dop853 import ScipyDop853
     from dem_bridge.runs.uncertainty.from_looser_runs import looser_uncertainty
 
@@ -103,6 +103,19 @@ def estimate_uncertainty(case: Case, run: Trajectory, cache: RunCache | None = N
         with progress.share(number / (1 + len(looser)), 1.0 / (1 + len(looser))):
             runs.append(cache.load_or_solve(other, partial(other.solve, scipy)))
     return looser_uncertainty(case.scene, run, runs)
+
+
+def _replicas(case: Case) -> list[Trajectory]:
+    """Return the replicas of a case that its backend makes."""
+    return cast(Replicating, backend(case.backend)).replicas(case.scene, case.resolution, case.sampling)
+
+
+def _from_replicas(case: Case, run: Trajectory, replicas: list[Trajectory]) -> Uncertainty:
+    """Return the uncertainty of the run of a case from its replicas."""
+    from dem_bridge.runs.uncertainty.from_replicas import replica_uncertainty, rule_of, widen_for_the_end
+
+    uncertainty = replica_uncertainty(run, replicas, rule_of(case.backend, case.scene))
+    return widen_for_the_end(uncertainty, case.scene, run)
 
 
 def needs_of(case: Case) -> tuple[Case, ...]:
