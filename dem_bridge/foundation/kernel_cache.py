@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import llvmlite
+import llvmlite.binding as llvm
 import numba
 import numpy as np
 from numba.core import environment as environments
@@ -59,6 +60,10 @@ _HASH_SECRET = b"_numba_hashsecret"
 #: numba's own, which have no types
 _rebuild, _dumps = cast(Any, CompileResult)._rebuild, cast(Any, dumps)
 _rebuild_environment = cast(Any, environments)._rebuild_env
+
+
+#: number of the form of a file
+FORMAT = 2
 
 
 @cache
@@ -132,7 +137,9 @@ class KernelCache(NullCache):
                 content = kept_content(path)
                 if _HASH_SECRET in content:
                     importlib.import_module("numba.cpython.hashing")  # which defines it
-                result = _rebuild(target_context, *_Unpickler(io.BytesIO(content)).load())
+                (library, symbols), *parts = _Unpickler(io.BytesIO(content)).load()
+                result = _rebuild(_Context(target_context, symbols), library, *parts)
+                result = result._replace(target_context=target_context)
             except FileNotFoundError:
                 continue
             except OSError as error:
@@ -153,7 +160,8 @@ class KernelCache(NullCache):
         if folder is None or name is None or local:
             return
         try:
-            write_kept(folder / name, _dumps(data._reduce()))
+            library, *parts = data._reduce()
+            write_kept(folder / name, _dumps(((library, _symbols(data.library)), *parts)))
         except OSError as error:
             _say_once(
                 f"the compiled kernel {name} cannot be kept ({error.strerror}); the next session compiles it again"
@@ -166,9 +174,53 @@ class KernelCache(NullCache):
             parts = closure_digest(function), _text_of_types(sig), sorted(self._options.items()), codegen.magic_tuple()
         except Unidentified:
             return None
-        digest = hashlib.sha256(repr((parts, environment())).encode()).hexdigest()
+        digest = hashlib.sha256(repr((FORMAT, parts, environment())).encode()).hexdigest()
         readable = re.sub(r"[^\w.]", "", f"{function.__module__}.{function.__qualname__}")[-80:]
         return f"{readable}-{digest[:40]}{SUFFIX}"
+
+
+class _Context:
+    """A target in whose libraries a kept kernel is loaded without the code that others may take in.
+
+    Only a kernel that is compiled needs that code of one that it calls: it is read when it is asked for, which takes as
+    long as the rest. The names of the symbols are kept beside it.
+    """
+
+    def __init__(self, context: Any, symbols: frozenset[str]) -> None:
+        self._context, self._symbols = context, symbols
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+    def codegen(self) -> Any:
+        """Return the generator of code, whose only use here is to load a library."""
+        return self
+
+    def unserialize_library(self, state: tuple[str, str, tuple[bytes, bytes]]) -> Any:
+        """Return a library with its machine code."""
+        name, _, (machine_code, bitcode) = state
+        codegen = self._context.codegen()
+        library = codegen.create_library(name)
+        library.enable_object_caching()
+        library._set_compiled_object(machine_code)
+        library._finalize_final_module()
+        codegen._engine._defined_symbols |= self._symbols
+        of_library = library._get_module_for_linking
+
+        def module_for_linking() -> Any:
+            if library._shared_module is None:
+                library._shared_module = llvm.parse_bitcode(bitcode)
+            return of_library()
+
+        library._get_module_for_linking = module_for_linking
+        return library
+
+
+def _symbols(library: Any) -> frozenset[str]:
+    """Return the names that a library defines."""
+    module = library._get_module_for_linking()
+    parts = (*module.functions, *module.global_variables)
+    return frozenset(part.name for part in parts if not part.is_declaration)
 
 
 def environment() -> Mapping[str, object]:

@@ -475,3 +475,51 @@ def test_a_kernel_is_loaded_without_the_rules_of_the_compiler(tmp_path: Path) ->
             [sys.executable, "loaded.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
         )
         assert (done.returncode, done.stdout.strip()) == (0, f"{prepared} {prepared}"), done.stderr
+
+
+_TAKEN_IN = """
+import sys
+import llvmlite.binding as llvm
+
+read, parse = [], llvm.parse_bitcode
+llvm.parse_bitcode = lambda content: read.append(content) or parse(content)
+from dem_bridge.foundation.compiled import kernel
+
+
+@kernel()
+def third(number):
+    return number / 3.0
+
+
+@kernel()
+def thirds(count):
+    total = 0.0
+    for number in range(count):
+        total += third(float(number))
+    return total
+
+
+assert third(3.0) == 1.0
+before = len(read)
+if "caller" in sys.argv:
+    assert thirds(4) == 2.0
+print(before, len(read) - before)
+"""
+
+
+def test_the_code_of_a_loaded_kernel_is_read_only_where_another_one_takes_it_in(tmp_path: Path) -> None:
+    (tmp_path / "taken.py").write_text(_TAKEN_IN, encoding="utf-8")
+    environment = {**os.environ, kernel_folders.VARIABLE: str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+
+    def read(*words: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "taken.py", *words], cwd=tmp_path, env=environment, capture_output=True, text=True,
+            check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return done.stdout.strip()
+
+    read()
+    assert read() == "0 0"
+    assert read("caller") == "0 1"
+    assert read("caller") == "0 0"

@@ -85,7 +85,7 @@ def test_small_differences_are_searched_with_small_tolerances(
     monkeypatch: pytest.MonkeyPatch, size: float, tolerance: float
 ) -> None:
     decision = SimpleNamespace(base=0, exact=0, errors=np.array([0.0, size]), time_step_error=lambda: "step")
-    for name, value in (("Model", 0), ("Data", SimpleNamespace(time=(0.0, 1.0))), ("Decision", decision)):
+    for name, value in (("model_of", 0), ("Data", SimpleNamespace(time=(0.0, 1.0))), ("Decision", decision)):
         monkeypatch.setattr(module, name, lambda *arguments, value=value: value)
     monkeypatch.setattr(module, "Fitter", lambda data, nuisance, accuracy: (nuisance, accuracy))
     assert Search(CHAIN, None, {}).fitter == ("step", tolerance)

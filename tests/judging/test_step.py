@@ -10,12 +10,14 @@ import pytest
 
 import dem_bridge as db
 from dem_bridge.formats.readers import Record
+from dem_bridge.judging import plain_kernels
 from dem_bridge.judging.decision import METHODS_OF_RIGHT_CODES
 from dem_bridge.judging.diagnosis import Diagnosis
 from dem_bridge.judging.fitting import TOLERANCE_OF_DECISION
 from dem_bridge.judging.kernels import DRIFT_FIRST, RK4, VERLET
-from dem_bridge.judging.model import Model
+from dem_bridge.judging.model import Model, model_of
 from dem_bridge.judging.reference import file_errors
+from dem_bridge.judging.search import Search
 from dem_bridge.judging.step import errors_by_step, predict_step_error
 from dem_bridge.physics.contact_law import law_of
 
@@ -118,3 +120,25 @@ def test_a_motion_of_some_of_the_times_has_the_numbers_of_all(last: float) -> No
     whole, part = (model.stepped_at(model.system, times, dt, RK4, rows) for rows in (None, 3))
     for name in ("displacement", "velocity", "acceleration", "force"):
         assert np.array_equal(getattr(part, name), getattr(whole, name)[:3])
+
+
+def test_the_motion_of_a_scene_is_computed_once_for_all_answers_about_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    integrate, computed = plain_kernels.adaptive, []
+
+    def counted(*words: Any) -> Any:
+        computed.append(words[5])
+        return integrate(*words)
+
+    monkeypatch.setattr(plain_kernels, "adaptive", counted)
+    model_of.cache_clear()
+    time = np.linspace(0.0, CHAIN.duration, 101)
+    velocity = model_of(CHAIN).stepped_at(model_of(CHAIN).system, time, 1e-7).velocity + 1e-3
+    record = Record(
+        name="file", time=time, values={"velocity": velocity}, columns={"velocity": (0, 1, 2, 3, 4)}, dt=1e-7,
+        rounding={"velocity": np.full_like(velocity, 1e-13), "time": np.zeros(101)},
+    )  # fmt: skip
+    search = Search(CHAIN, record, {})
+    errors_by_step(CHAIN, Diagnosis(cause="unknown", evidence=""), file_errors(CHAIN, [record])[0])
+    predict_step_error(CHAIN, 1e-7, times=time)
+    assert computed.count(TOLERANCE_OF_DECISION) == 1
+    assert search.model is model_of(CHAIN)
