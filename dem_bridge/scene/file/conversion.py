@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from itertools import accumulate, pairwise, repeat
 from operator import mul
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -91,6 +90,8 @@ def normal_numbers(seed: int | str) -> Iterator[float]:
 
     They are uniform numbers of :class:`random.Random`, mapped by the inverse of the normal distribution.
     """
+    from statistics import NormalDist  # which few scenes need
+
     uniform, normal = random.Random(seed), NormalDist()
     while True:
         yield normal.inv_cdf(uniform.random())

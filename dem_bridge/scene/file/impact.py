@@ -10,7 +10,6 @@ from typing import Literal
 
 from dem_bridge.errors import SceneError
 from dem_bridge.foundation.numbers import Numbers, checked_number, checked_numbers
-from dem_bridge.physics.exact import two_body_collision
 from dem_bridge.physics.hertz import sphere_on_plane
 from dem_bridge.scene.file import conversion, forms
 from dem_bridge.scene.file.conversion import HERTZ, rounded
@@ -90,6 +89,8 @@ def from_impact(file: ImpactScene) -> Scene:
         if speed == 0.0:
             allowed = "a number > 0 (s), which speed = 0 requires"
             raise SceneError("duration", problem="is missing", allowed=allowed)
+        from dem_bridge.physics.exact import two_body_collision  # which most scenes do not need
+
         masses = (mass[0], math.inf if plane else mass[1])
         hit = two_body_collision(masses=masses, velocities=(speed, 0.0), stiffness=stiffness, exponent=HERTZ)
         duration = rounded(gap / speed + _CONTACT_TIMES * hit.contact_time)
