@@ -4,7 +4,7 @@
 LAMMPS, ASE, the twin                a family of twins on the same steps (:mod:`.from_twins`)
 Blanes and Moan's method             its own runs at two finer steps (:mod:`.from_own_steps`)
 the reference, ode45                 replicas that the backend makes (:mod:`.from_replicas`)
-scipy, and the reference through it  two ordinary runs at looser tolerances (:mod:`.from_looser_runs`)
+scipy, and the reference through it  ordinary runs at looser tolerances (:mod:`.from_looser_runs`)
 theories, and any other backend      none: the uncertainty is that which the run states, inf unless it is exact
 ===================================  ==================================================================================
 """
@@ -145,13 +145,14 @@ def looser_cases(case: Case) -> tuple[Case, ...]:
         return ()
     from dem_bridge.backends.reference import SERIES
     from dem_bridge.backends.scipy_dop853 import DEFAULT_RTOL
-    from dem_bridge.runs.uncertainty.from_replicas import LOOSER
+    from dem_bridge.runs.uncertainty.from_replicas import LOOSER, moved_by_a_digit
 
     if case.backend == "reference" and SERIES.covers(case.scene):
         return ()
     rtol = case.resolution.rtol if case.resolution.rtol is not None else DEFAULT_RTOL
     looser = replace(case, backend="scipy", uncertainty=False)
-    return tuple(replace(looser, resolution=Resolution(rtol=factor * rtol)) for factor in LOOSER)
+    first, *others = (replace(looser, resolution=Resolution(rtol=factor * rtol)) for factor in LOOSER)
+    return replace(first, scene=moved_by_a_digit(case.scene)), *others
 
 
 def _takes_twins(name: str) -> bool:

@@ -1,4 +1,4 @@
-"""The uncertainty of a run by scipy: its differences to two looser runs, and what all three may miss alike.
+"""The uncertainty of a run by scipy: its differences to looser runs, and what all of them may miss alike.
 
 They may agree by chance on a velocity that two bodies have in common, whose round-off a closing rate has lost, and a
 contact may come so near to touch that no run can tell a graze from a miss.

@@ -146,8 +146,8 @@ def test_a_reference_is_certain_to_a_tenth_of_the_accuracy(uncertainty: float, u
 def test_without_series_scipy_is_the_reference_at_a_tolerance_that_suffices(
     accuracy: float, nearest: float | None, world: World
 ) -> None:
-    # scipy at the finest tolerance is too expensive; three runs of 0.3 s are not
-    world.predicted = lambda name, setting: 0.4 if name == "scipy" and setting <= 3e-14 and not nearest else 0.3
+    # scipy at the finest tolerance is too expensive; four runs of 0.2 s are not
+    world.predicted = lambda name, setting: 0.3 if name == "scipy" and setting <= 3e-14 and not nearest else 0.2
     world.measured = lambda name: 0.01
     world.uncertainty = lambda name: 0.0 if len(world.references) > 1 or nearest is None else 1.0
     _plan(accuracy, "blanes-moan", scene=SOFT)
@@ -187,7 +187,7 @@ def test_progress_expects_the_cheaper_of_two_references(world: World) -> None:
     _plan(0.5, "verlet", scene=SOFT, progress=lambda *words: calls.append(words))
     # after a reference on the made-up clock, which does not count it, and a run of 1 s
     assert [part for part, _, label in calls if label.startswith("verlet")][:2] == pytest.approx(
-        [0.0, min(0.95, 1.0 / (3.0 * 0.2 + 5.0 * 0.1))], rel=1e-12
+        [0.0, min(0.95, 1.0 / (4.0 * 0.2 + 5.0 * 0.1))], rel=1e-12
     )
 
 

@@ -7,13 +7,15 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dem_bridge.runs.uncertainty.from_replicas import (
-    LOOSER,
     ODE45,
     REFERENCE,
     force_condition,
     looser_rule,
+    moved_by_a_digit,
     replica_uncertainty,
     rule_of,
 )
@@ -190,5 +192,11 @@ def test_in_a_precompressed_chain_forces_are_no_less_uncertain_than_velocities()
     assert looser_rule(replace(PAIR, gap=(-0.25,))).rounded_length == 0.25
 
 
-def test_scipy_is_compared_with_two_looser_runs() -> None:
-    assert LOOSER == (10.0, 20.0)
+@given(st.lists(st.floats(-1e40, 1e40).filter(lambda v: v == 0.0 or abs(v) >= 1e-40), min_size=2, max_size=2))
+def test_every_speed_but_zero_moves_by_a_digit_or_two_and_stays_in_range(velocity: list[float]) -> None:
+    moved = moved_by_a_digit(replace(PAIR, velocity=tuple(velocity))).velocity
+    for old, new in zip(velocity, moved, strict=True):
+        assert (new == old) is (old == 0.0)
+        assert abs(new - old) <= 2.0 * np.spacing(abs(old))
+        assert old == 0.0 or 1e-40 <= abs(new) <= 1e40
+    assert (moved[0] == moved[1]) is (velocity[0] == velocity[1])

@@ -23,8 +23,9 @@ LINEAR = ("many-28", "many-58")
 LATE = ("awkward-41", "awkward-51", "awkward-365", "many-407", "many-1428", "many-5120")
 #: contacts in touch at the start, of which some begin while others have just begun
 TIES = ("many-472", "many-893")
-#: quantities of scenes that are outside by a fault that docs/quality.md names, for one backend each
-KNOWN = {("scipy", "many-1027"): ("displacement", "velocity")}
+#: scenes in which two looser runs of scipy agreed with it by chance (up to 2.6 uncertainties), and one in which runs at
+#: all tolerances err alike: a body that gravity lets come near to touch, at a speed of which digits are lost (1.1)
+ALIKE = ("many-1027", "many-3022", "awkward-266")
 
 
 @pytest.mark.parametrize("name", LINEAR)
@@ -42,6 +43,12 @@ def test_a_damped_contact_may_end_as_late_as_the_last_digits_of_a_time(monkeypat
     # planted: no digit is allowed for, and what the contact has left begins anew, without end
     monkeypatch.setattr(scipy_damped, "LAST_DIGITS", 0.0)
     assert len(try_backend("reference", pairs)) < len(LATE)
+
+
+def test_runs_that_agree_by_chance_or_err_alike_are_not_all_that_scipy_is_compared_with() -> None:
+    trials = try_backend("scipy", [pair for pair in (*awkward(), *many()) if pair[0].name in ALIKE])
+    assert len(trials) == len(ALIKE)
+    assert max(max(trial.ratio.values()) for trial in trials) <= 1.0
 
 
 @pytest.mark.parametrize("name", TIES)
@@ -97,6 +104,4 @@ def test_a_finite_uncertainty_of_what_does_not_exist_is_outside() -> None:
 @pytest.mark.parametrize("name", [*REFERENCES, *OTHERS])
 def test_the_uncertainties_hold_on_all_scenes(name: str) -> None:
     trials = try_backend(name, many() if name in REFERENCES else many()[:300])
-    excepted = [dict.fromkeys(KNOWN.get((name, trial.scene), ()), 0.0) for trial in trials]
-    trials = [replace(trial, ratio=trial.ratio | known) for trial, known in zip(trials, excepted, strict=True)]
     assert enough(trials, 0.0 if name in REFERENCES else ALLOWED), summary(trials)
