@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_bridge.foundation.compiled import side_by_side
 from dem_bridge.judging import kernels
 from dem_bridge.judging.fitting import MOST_STEPS_OF_METHOD, TOLERANCE_OF_DECISION, Data, Fit, Stepping, least
 from dem_bridge.judging.hypotheses import Hypothesis, Variant
@@ -307,10 +308,11 @@ class Decision:
         step, tolerance = 1e-4, TOLERANCE_OF_DECISION if float(np.max(self.errors)) < 1e-4 else 1e-11
 
         def residual(q: Floats) -> Floats:
-            return self.data.residual(self.data.predict(hypothesis.make(q), self.rows, tolerance))
+            with np.errstate(all="ignore"):  # which each thread has for itself
+                return self.data.residual(self.data.predict(hypothesis.make(q), self.rows, tolerance))
 
-        centre = residual(p)
-        return np.stack([(residual(p + step * unit) - centre) / step for unit in np.eye(len(p))], axis=1)
+        centre, *moved = side_by_side(residual, [p, *(p + step * np.eye(len(p)))])
+        return np.stack([(other - centre) / step for other in moved], axis=1)
 
     def _fit(
         self,
