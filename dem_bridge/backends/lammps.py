@@ -30,7 +30,7 @@ from dem_bridge.lmp.deck import DUMP_COLUMNS, Deck, deck_of, positions
 from dem_bridge.lmp.engine import Engine
 from dem_bridge.lmp.known_defects import defects_of
 from dem_bridge.lmp.pair_coefficients import GRANULAR_STYLE, TABLE_STYLE, TableSet, line_order
-from dem_bridge.lmp.process import EngineReport, check_room, loading_worker, require, run_deck, workspace
+from dem_bridge.lmp.process import EngineReport, check_room, load_engine, require, run_deck, workspace
 from dem_bridge.scene.scene import Scene
 from dem_bridge.trajectory.trajectory import Trajectory
 
@@ -79,7 +79,8 @@ class LammpsGranular:
     def _run(self, scene: Scene, write: Callable[[], Written], time_limit: float) -> Trajectory:
         """Return the run of the deck that ``write`` returns, which it makes while the engine loads."""
         watch = Stopwatch()
-        with workspace() as folder, loading_worker(self.engine, folder) as worker:
+        with workspace() as folder:
+            load_engine(self.engine)
             written = write()
             deck, plan = written.deck, written.deck.schedule
             check_room(folder, dump_size(deck))
@@ -87,9 +88,8 @@ class LammpsGranular:
                 (folder / file).write_text(text, encoding="utf-8")
             # the dump grows evenly with the steps: its size tells how far the run is
             monitor = dump_progress(folder / deck.dump_file, deck) if progress.has_listener() else None
-            engine: dict[str, Any] = {"engine": self.engine, "worker": worker}
             try:
-                report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=monitor, **engine)
+                report = run_deck(folder, deck.input_file, time_limit=time_limit, watch=monitor, engine=self.engine)
             except RunBroken as error:
                 raise explained(error, scene, plan.step) from error
             dumps = [

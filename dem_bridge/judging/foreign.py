@@ -21,7 +21,7 @@ from dem_bridge.backends.prescan import prescan_hertz
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.foundation.files import write_whole
 from dem_bridge.foundation.numbers import check_number
-from dem_bridge.lmp.child import run_program
+from dem_bridge.lmp.child import how_ended, run_program
 from dem_bridge.lmp.process import workspace
 from dem_bridge.scene.file.write import scene_json, scene_toml
 from dem_bridge.scene.scene import Scene
@@ -187,7 +187,7 @@ def _run(command: Command, scene: Scene, dt: float, folder: Path, time_limit: fl
         ) from None
     said = _last_line(stderr) or _last_line(stdout)
     if ended.code != 0:
-        raise RunBroken(f"{name} ended {ended.how}" + (f": {said}" if said else " without a message"))
+        raise RunBroken(f"{name} ended {how_ended(ended.code)}" + (f": {said}" if said else " without a message"))
     output = folder / out
     if not output.exists():  # some writers add an ending, or write a file for each frame
         others = sorted(folder.glob(f"{out}*"))

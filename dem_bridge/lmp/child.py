@@ -29,10 +29,14 @@ class Ended:
     cpu: float
     memory: int
 
-    @property
-    def how(self) -> str:
-        """Description of the end: the signal or the exit code."""
-        return f"by {signal.Signals(-self.code).name}" if self.code < 0 else f"with exit code {self.code}"
+
+def how_ended(code: int) -> str:
+    """Return the description of an exit code, which is negative for a signal.
+
+    >>> how_ended(-9)
+    'by SIGKILL'
+    """
+    return f"by {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
 
 
 def now() -> float:
@@ -58,8 +62,6 @@ def run_program(command: Sequence[str], folder: Path, *, time_limit: float, stdo
         )
     try:
         return wait(child, began, time_limit, None)
-    except subprocess.TimeoutExpired as error:
-        raise TimeoutError from error
     finally:
         with suppress(ProcessLookupError):  # also processes that it has left behind
             os.killpg(child.pid, signal.SIGKILL)
@@ -79,12 +81,12 @@ def sweep_shared_memory(pid: int) -> None:
 
 
 def wait(child: subprocess.Popen[bytes], began: float, time_limit: float, watch: Callable[[], None] | None) -> Ended:
-    """Wait for the child and return its end, or raise TimeoutExpired."""
+    """Wait for the child and return its end, or raise TimeoutError."""
     end, checks = began + time_limit, 0
     # wait4 returns the resources that the child and its children used
     while not (ended := os.wait4(child.pid, os.WNOHANG))[0]:
         if now() >= end:
-            raise subprocess.TimeoutExpired(child.args, time_limit)
+            raise TimeoutError
         checks += 1
         if watch is not None and checks % _CHECKS_PER_WATCH == 0:
             watch()

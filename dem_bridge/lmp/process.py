@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -22,8 +22,8 @@ from typing import IO, Any
 
 from dem_bridge.errors import BackendUnavailable, RunBroken
 from dem_bridge.foundation.leftovers import owned, sweep_temporary
-from dem_bridge.lmp import log
-from dem_bridge.lmp.child import PARENT_DEATH_GUARD, Ended, now, sweep_shared_memory, wait
+from dem_bridge.lmp import loaded, log
+from dem_bridge.lmp.child import PARENT_DEATH_GUARD, Ended, how_ended, now, sweep_shared_memory, wait
 from dem_bridge.lmp.engine import STYLES, Build, Engine, lacks, remedy
 
 WORKER = Path(__file__).with_name("worker.py")
@@ -67,7 +67,6 @@ def run_deck(
     time_limit: float,
     watch: Callable[[], None] | None = None,
     engine: Engine | None = None,
-    worker: subprocess.Popen[bytes] | None = None,
 ) -> EngineReport:
     """Run ``input_file`` in ``folder``.
 
@@ -83,8 +82,6 @@ def run_deck(
         Function that is called a few times per second during the run.
     engine : Engine, optional
         The LAMMPS to run; None means this environment's module.
-    worker : Popen, optional
-        The process of :func:`loading_worker` for this engine and folder; None: a process is started now.
 
     Raises
     ------
@@ -94,22 +91,15 @@ def run_deck(
         If the run fails; the message contains LAMMPS' error.
     """
     engine = engine or Engine()
-    task = _Task(engine=engine, folder=folder, time_limit=time_limit, watch=watch, launched=True, worker=worker)
+    task = _Task(engine=engine, folder=folder, time_limit=time_limit, watch=watch, launched=True)
     return (task.run_by_binary if task.engine.lmp else task.run_by_module)(input_file)
 
 
-@contextmanager
-def loading_worker(engine: Engine, folder: Path) -> Iterator[subprocess.Popen[bytes] | None]:
-    """Yield a process that loads the engine and waits for :func:`run_deck` in ``folder``; it ends with the context.
-
-    None for a binary and for several ranks, which need the deck when they start.
-    """
-    if engine.lmp or engine.ranks > 1:
-        yield None
-        return
-    task = _Task(engine=engine, folder=folder)
-    with task.process(task.worker_command("run", "-", *engine.lmp_args), stdin=subprocess.PIPE) as worker:
-        yield worker
+def load_engine(engine: Engine) -> None:
+    """Begin to load an engine before :func:`run_deck`; a binary and several ranks start with their deck."""
+    task = _Task(engine=engine, folder=Path(), launched=True)
+    if task.forks:
+        loaded.begin_to_load(*task.server())
 
 
 @contextmanager
@@ -119,7 +109,7 @@ def deck_worker(engine: Engine, folder: Path, channel: int) -> Iterator[IO[bytes
     For each it writes LAMMPS' error, '' for none, as a line of JSON to the descriptor ``channel``; an error ends it.
     """
     task = _Task(engine=engine, folder=folder)
-    command = task.worker_command("decks", str(channel), *engine.lmp_args)
+    command = [*task.script(), _ANSWER, "decks", str(channel), *engine.lmp_args]
     with task.process(command, stdin=subprocess.PIPE, pass_fds=(channel,)) as worker:
         assert worker.stdin is not None
         yield worker.stdin
@@ -206,8 +196,11 @@ class _Task:
     watch: Callable[[], None] | None = None
     launched: bool = False
     """True for a run on the engine's ranks."""
-    worker: subprocess.Popen[bytes] | None = None
-    """The process that waits for the name of a deck."""
+
+    @property
+    def forks(self) -> bool:
+        """Return True if a process that has loaded the engine does the task in a fork."""
+        return loaded.CAN_FORK and self.engine.lmp is None and not (self.launched and self.engine.ranks > 1)
 
     def run_by_module(self, input_file: str) -> EngineReport:
         """Run the deck by the ``lammps`` module in a worker process."""
@@ -232,7 +225,7 @@ class _Task:
         if ended.code != 0:
             # before LAMMPS opens its log, it writes errors to the screen
             error = log.error(text) or log.error(self._read(_SCREEN))
-            raise self._failure(error) if error else self._death(ended, "running the deck")
+            raise self._failure(error) if error else self._death(ended.code, "running the deck")
         return self._report(
             log.ranks(text) or self.engine.ranks,
             version=log.version(text) or build.version,
@@ -270,21 +263,21 @@ class _Task:
         if build is None:
             words = f": {text.strip().splitlines()[-1].strip()}" if text.strip() else ""
             advice = f"; {remedy(text)}" if "MPI" in text or "libmpi" in text else ""
-            problem = f"{self.engine.lmp} is not LAMMPS: with -help it ended {ended.how}"
+            problem = f"{self.engine.lmp} is not LAMMPS: with -help it ended {how_ended(ended.code)}"
             raise BackendUnavailable(f"{problem}{words}{advice}")
         return build
 
     def _worker(self, *words: str) -> dict[str, Any]:
         """Run a task in the worker process and return its reply."""
-        ended = self._child(self.worker_command(*words)) if self.worker is None else self._hand_over(words[1])
+        code = self._fork(*words) if self.forks else self._child([*self.script(), _ANSWER, *words]).code
         # the reply counts before the exit code, because an engine may crash after its reply
         reply = _answer(self.folder / _ANSWER)
-        if reply["stage"] == "done" and (ended.code == 0 or self.engine.ranks == 1):
+        if reply["stage"] == "done" and (code == 0 or self.engine.ranks == 1):
             return reply
         ranks = [reply, *(_answer(path) for path in sorted(self.folder.glob(f"{_ANSWER}.*")))]
         error = next((str(rank_reply["error"]) for rank_reply in ranks if rank_reply["error"]), "")
         if not error:
-            raise self._death(ended, _SILENT_STAGES[reply["stage"]])
+            raise self._death(code, _SILENT_STAGES[reply["stage"]])
         # LAMMPS reports invalid arguments on the screen only
         screen_error = log.error(self._read(_SCREEN).replace("LAMMPS Exception: ", ""))
         if reply["stage"] == "load" and not screen_error:
@@ -293,30 +286,33 @@ class _Task:
             raise BackendUnavailable(f"{whose} does not load: {text}; {remedy(text)}")
         raise self._failure(screen_error if reply["stage"] == "load" else error)
 
-    def worker_command(self, *words: str) -> list[str]:
-        """Return the command of the worker process."""
-        return [str(self.engine.python or sys.executable), str(WORKER), _ANSWER, *words]
+    def script(self) -> list[str]:
+        """Return the command of the worker without its task."""
+        return [str(self.engine.python or sys.executable), str(WORKER)]
+
+    def server(self) -> tuple[list[str], dict[str, str]]:
+        """Return the command and the environment of a process that loads the engine and forks for each task."""
+        return [*self.script(), "serve"], self.engine.environment()
+
+    def _fork(self, *words: str) -> int:
+        """Do a task in a fork of a loaded engine and return its exit code; no process of it remains."""
+        (self.folder / _ANSWER).unlink(missing_ok=True)
+        with self._stopped_in_time(), loaded.loaded_engine(*self.server()) as parent:
+            limit, watch = self.time_limit, self.watch
+            return parent.run([_ANSWER, *words], self.folder, _SCREEN, time_limit=limit, watch=watch)
 
     def _child(self, command: Sequence[str]) -> Ended:
         """Run a command; no process of it remains, whatever happens."""
         began = now()
-        with self.process(command) as child:
-            return self._wait(child, began)
-
-    def _hand_over(self, input_file: str) -> Ended:
-        """Run a deck by the worker that waits for its name."""
-        began = now()
-        assert self.worker is not None
-        assert self.worker.stdin is not None
-        with suppress(BrokenPipeError), self.worker.stdin as pipe:  # a worker that has ended left its reply
-            pipe.write(os.fsencode(input_file))
-        return self._wait(self.worker, began)
-
-    def _wait(self, child: subprocess.Popen[bytes], began: float) -> Ended:
-        """Wait for a child and return its end, or raise RunBroken after the time limit."""
-        try:
+        with self._stopped_in_time(), self.process(command) as child:
             return wait(child, began, self.time_limit, self.watch)
-        except subprocess.TimeoutExpired:
+
+    @contextmanager
+    def _stopped_in_time(self) -> Iterator[None]:
+        """Raise RunBroken if the context ends with the time limit."""
+        try:
+            yield
+        except TimeoutError:
             problem = f"LAMMPS did not finish within the time limit of {self.time_limit:g} s and was stopped"
             raise RunBroken(problem, log=self._last_lines()) from None
 
@@ -359,13 +355,13 @@ class _Task:
         text = "LAMMPS: " + " ".join(error.split())
         return BackendUnavailable(text) if lacks(text) else RunBroken(text, log=self._last_lines())
 
-    def _death(self, ended: Ended, stage: str) -> RunBroken:
+    def _death(self, code: int, stage: str) -> RunBroken:
         """Return the exception for a child that ended without an error message."""
         lines = [line.strip() for line in self._read(_SCREEN).split("\n") if line.strip(" =\t")]
         # the last lines of MPI's launcher contain no information
         lines = [line for line in lines if "EXIT STRING" in line] or lines
         words = f": {lines[-1]}" if lines else ""
-        return RunBroken(f"LAMMPS ended {ended.how} while {stage}{words}", log=self._last_lines())
+        return RunBroken(f"LAMMPS ended {how_ended(code)} while {stage}{words}", log=self._last_lines())
 
     def _read(self, name: str) -> str:
         """Return the text of a file; '' if there is none."""

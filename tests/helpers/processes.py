@@ -47,6 +47,11 @@ def all_end(pids: Iterable[int], within: float = PATIENCE) -> bool:
     return happens(lambda: not running(waited_for), within)
 
 
+def children_of(pid: int) -> list[int]:
+    """Return the processes that the main thread of a process has started."""
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
 def _runs(pid: int) -> bool:
     """Return whether a process runs; one that has ended and waits for its parent to ask for its exit code does not."""
     try:

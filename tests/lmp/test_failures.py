@@ -62,11 +62,11 @@ def test_a_crash_after_a_failed_pair_coeff_ends_the_child_alone(
 ) -> None:
     # a worker that catches LAMMPS' error and runs all the same, as a script may: LAMMPS then dies of SIGSEGV
     careless = tmp_path / "careless.py"
-    goes_on = "try:\n                engine.file(deck)\n"
+    goes_on = "try:\n                engine.file(words[0])\n"
     goes_on += "            except Exception:\n                engine.command('run 1')"
     source = process.WORKER.read_text()
-    assert source.count("engine.file(deck)") == 1
-    careless.write_text(source.replace("engine.file(deck)", goes_on))
+    assert source.count("engine.file(words[0])") == 1
+    careless.write_text(source.replace("engine.file(words[0])", goes_on))
     monkeypatch.setattr(process, "WORKER", careless)
     contact = "linear_nohistory 0 0 damping velocity  # contact 0"
     _change(deck, contact, contact.replace("linear_nohistory", "none"))

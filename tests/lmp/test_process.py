@@ -13,18 +13,33 @@ import numpy as np
 import pytest
 
 import dem_bridge as db
-from dem_bridge.backends import lammps
 from dem_bridge.errors import BackendUnavailable, RunBroken
-from dem_bridge.foundation.leftovers import SHARED_MEMORY
-from dem_bridge.lmp import child, process, worker
+from dem_bridge.lmp import child, loaded, process, worker
 from dem_bridge.lmp.engine import Engine
-from dem_bridge.lmp.process import loading_worker, probe, require, run_deck
+from dem_bridge.lmp.process import probe, require, run_deck
 from dem_bridge.scene.scene import Scene
-from tests.helpers.processes import EventClock, all_end, happens
+from tests.helpers.processes import EventClock, all_end
 
 PAIR = Scene(name="pair", duration=1e-4, mass=(8.1e-3, 1e-2), stiffness=(4e9,), velocity=(0.8, 0.0), samples=10)
 
-#: how a stand-in for the worker begins: it has answered that it is about to run the deck
+#: a worker whose task is a script of the test, which has the arguments of the worker
+STAND_IN = """\
+import importlib.util, os, sys
+spec = importlib.util.spec_from_file_location("worker", {worker!r})
+worker = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(worker)
+def perform(*words, module=None):
+    sys.argv[1:] = words
+    try:
+        exec(compile({code!r}, "stand_in", "exec"), {{}})
+    except SystemExit as ended:
+        return ended.code
+    return 0
+worker.perform = perform
+worker.load = lambda: sys.modules.setdefault("lammps", sys)
+os._exit(worker.serve() if sys.argv[1:] == ["serve"] else perform(*sys.argv[1:]))
+"""
+#: how a script in the place of a task begins: it has answered that it is about to run the deck
 RUNNING = """\
 import json, os, signal, sys, time
 def answer(**content):
@@ -40,11 +55,11 @@ Plant = Callable[[str], None]
 
 @pytest.fixture
 def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Plant]:
-    """Put a script of the test's own in the place of the worker."""
+    """Put a script of the test's own in the place of the task of the worker."""
 
     def put(code: str) -> None:
         script = tmp_path / "stand_in.py"
-        script.write_text(code)
+        script.write_text(STAND_IN.format(worker=str(Path(worker.__file__)), code=code))
         monkeypatch.setattr(process, "WORKER", script)
 
     probe.cache_clear()
@@ -73,7 +88,9 @@ def _pids(folder: Path) -> list[int]:
     return [int(word) for word in file.read_text().split()] if file.exists() else []
 
 
-def test_an_answer_is_carried_back(plant: Plant, folder: Path) -> None:
+@pytest.mark.parametrize("forks", [True, False])
+def test_an_answer_is_carried_back(plant: Plant, folder: Path, monkeypatch: pytest.MonkeyPatch, forks: bool) -> None:
+    monkeypatch.setattr(loaded, "CAN_FORK", forks and loaded.CAN_FORK)
     plant(RUNNING + DONE)
     report = run_deck(folder, "in.any", time_limit=60.0)
     assert (report.version, report.packages) == (20250722, ("GRANULAR",))
@@ -148,38 +165,6 @@ def test_an_interrupt_of_the_caller_ends_the_child(plant: Plant, folder: Path, m
     with pytest.raises(KeyboardInterrupt):
         run_deck(folder, "in.any", time_limit=60.0, watch=interrupted)
     assert all_end(_pids(folder))
-
-
-def test_an_engine_that_loads_before_its_deck_is_written_runs_it(plant: Plant, folder: Path) -> None:
-    plant(RUNNING + "open('deck', 'w').write(sys.stdin.read())\n" + DONE)
-    with loading_worker(Engine(), folder) as worker:
-        assert run_deck(folder, "in.a ü", time_limit=60.0, worker=worker).version == 20250722
-    assert (folder / "deck").read_text() == "in.a ü"
-
-
-@pytest.mark.parametrize("way_out", [KeyboardInterrupt, RunBroken, MemoryError])
-def test_an_engine_whose_deck_is_never_written_ends(
-    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way_out: type[BaseException]
-) -> None:
-    plant(f"import os, time\nopen({str(tmp_path / 'pids')!r}, 'w').write(str(os.getpid()))\ntime.sleep(600)")
-
-    def prescan(_: Scene) -> None:
-        assert happens(lambda: bool(_pids(tmp_path)))
-        raise way_out("no prescan")
-
-    monkeypatch.setattr(lammps, "prescan_scene", prescan)
-    with pytest.raises(way_out, match="no prescan"):
-        db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False)
-    assert all_end(_pids(tmp_path))
-
-
-def test_an_engine_that_dies_before_its_deck_is_written_is_named_by_the_signal(plant: Plant, folder: Path) -> None:
-    plant("import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
-    with loading_worker(Engine(), folder) as worker:
-        assert worker is not None
-        os.waitid(os.P_PID, worker.pid, os.WEXITED | os.WNOWAIT)
-        with pytest.raises(RunBroken, match="by SIGKILL while loading the lammps module"):
-            run_deck(folder, "in.any", time_limit=60.0, worker=worker)
 
 
 def test_a_missing_module_makes_the_engine_unavailable_with_advice(plant: Plant) -> None:
@@ -298,6 +283,7 @@ def test_a_failed_pair_coeff_leaves_the_caller_alive(tmp_path: Path) -> None:
 def test_no_shared_memory_of_a_run_is_left(
     end: str, plant: Plant, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(loaded, "CAN_FORK", False)
     monkeypatch.setattr(child, "SHARED_MEMORY", tmp_path)
     another = tmp_path / "mpich_shm_1_0"
     another.touch()
@@ -308,41 +294,6 @@ def test_no_shared_memory_of_a_run_is_left(
         monkeypatch.setattr(child, "time", EventClock(lambda: len(list(tmp_path.glob("mpich_shm_*"))) == 2))
         _broken(folder, time_limit=0.1)
     assert list(tmp_path.glob("mpich_shm_*")) == [another]
-
-
-def _shared_memory_of_children() -> list[Path]:
-    """Return the shared memory of MPI processes that this process has started."""
-    pids = {int(pid) for pid in Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split()}
-    return [file for pid in pids for file in SHARED_MEMORY.glob(f"mpich_shm_{pid:x}_*")]
-
-
-@pytest.mark.lammps
-@pytest.mark.parametrize("stopped", [False, True], ids=["done", "stopped"])
-def test_lammps_leaves_no_shared_memory(stopped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    files: set[Path] = set()
-
-    def is_there() -> bool:
-        files.update(_shared_memory_of_children())
-        return bool(files)
-
-    require(Engine(), "pair granular")
-    if stopped:
-        monkeypatch.setattr(child, "time", EventClock(is_there))
-        with pytest.raises(RunBroken, match=r"time limit of 0\.1 s"):
-            # 1e8 steps take a minute
-            db.solve(PAIR, backend="lammps-granular", dt=1e-12, time_limit=0.1, uncertainty=False)
-        assert files
-    else:
-        sweep = child.sweep_shared_memory
-
-        def note_and_sweep(pid: int) -> None:
-            files.add(SHARED_MEMORY / f"mpich_shm_{pid:x}_0")
-            sweep(pid)
-
-        monkeypatch.setattr(process, "sweep_shared_memory", note_and_sweep)
-        db.solve(PAIR, backend="lammps-granular", dt=1e-6, uncertainty=False)
-        assert len(files) == 1
-    assert not [file for file in files if file.exists()]
 
 
 @pytest.mark.lammps

@@ -18,6 +18,7 @@ from types import ModuleType
 from dem_bridge.errors import RunBroken
 from dem_bridge.foundation.kernel_folders import folder_to_write
 from dem_bridge.foundation.progress import Campaign, stop_requested
+from dem_bridge.lmp.loaded import stop_idle
 from dem_bridge.runs.campaign.tasks import Outcome, Task, Work, broken, packed, perform
 
 #: s for which the campaign sleeps at most: a signal that comes just before the sleep waits no longer
@@ -146,8 +147,8 @@ class WorkerProcess:
         return WorkerProcess(main)
 
     def terminate(self) -> None:
-        """Ask it to end; one without a task leaves nothing behind and is killed."""
-        (self._process.terminate if self.tasks else self._process.kill)()
+        """Ask it to end, so that it ends its own children and deletes its files."""
+        self._process.terminate()
 
     def stop(self) -> None:
         """End it, if need be by force."""
@@ -178,13 +179,22 @@ def serve_tasks(connection: Connection) -> None:
     """Solve cases as they come, until there are no more; this is what a process does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # ... and engines, which they start, do not either
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-    signal.signal(signal.SIGTERM, _end)
+    signal.signal(signal.SIGTERM, _leave)
     threading.Thread(target=guard_parent_death, daemon=True).start()
     connection.send(None)
     with suppress(EOFError):
         while True:
             for task in connection.recv():
-                connection.send(perform(task))
+                signal.signal(signal.SIGTERM, _end)
+                outcome = perform(task)
+                signal.signal(signal.SIGTERM, _leave)
+                connection.send(outcome)
+
+
+def _leave(*_: object) -> None:
+    """End at once: without a task nothing remains but engines that wait, and the interpreter's end takes 0.5 s."""
+    stop_idle()
+    os._exit(128 + signal.SIGTERM)
 
 
 def _end(*_: object) -> None:

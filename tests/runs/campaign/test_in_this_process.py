@@ -39,7 +39,7 @@ from dem_bridge.runs.campaign import (
 )
 from dem_bridge.runs.campaign.nodes import Node
 from dem_bridge.runs.campaign.results import Result
-from dem_bridge.runs.campaign.tasks import Outcome, Task, Work, packed, perform_all, perform_task
+from dem_bridge.runs.campaign.tasks import Outcome, Task, Work, packed, perform, perform_all, perform_task
 from dem_bridge.runs.case import Case
 from dem_bridge.runs.digits import fingerprint
 from dem_bridge.runs.locks import locked
@@ -75,6 +75,13 @@ def test_a_worker_says_that_it_has_begun_and_then_sends_an_outcome_for_each_task
     # the campaign goes on to read, and sends no more
     duplicate = socket.socket(fileno=os.dup(ours.fileno()))
     duplicate.shutdown(socket.SHUT_WR)
+    handlers: list[Any] = []
+
+    def noted(task: Any) -> Outcome:
+        handlers.append(signal.getsignal(signal.SIGTERM))
+        return perform(task)
+
+    monkeypatch.setattr(pool, "perform", noted)
     pool.serve_tasks(theirs)
     theirs.close()
     assert ours.recv() is None
@@ -86,8 +93,14 @@ def test_a_worker_says_that_it_has_begun_and_then_sends_an_outcome_for_each_task
     assert guards == [True]
     assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    # without a task it ends at once, and within one it first ends what the task has started
+    ends: list[Any] = []
+    monkeypatch.setattr(pool, "stop_idle", lambda: ends.append("engines"))
+    monkeypatch.setattr(os, "_exit", ends.append)
+    signal.getsignal(signal.SIGTERM)(signal.SIGTERM, None)  # type: ignore[operator,misc]
+    assert ends == ["engines", 143]
     with pytest.raises(SystemExit) as ended:
-        signal.getsignal(signal.SIGTERM)(signal.SIGTERM, None)  # type: ignore[operator,misc]
+        handlers[-1](signal.SIGTERM, None)
     assert ended.value.code == 143
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
 
@@ -174,20 +187,18 @@ def test_a_process_is_idle_between_its_tasks_and_late_after_their_patience(
 
 
 @pytest.mark.parametrize(
-    ("tasked", "obeys", "calls", "end"),
+    ("obeys", "calls", "end"),
     [
-        (True, True, ["terminate", 5.0], "process 77 ended with exit code 143"),
-        (True, False, ["terminate", 5.0, "kill", None], "process 77 ended by SIGKILL"),
-        (False, True, ["kill", 5.0], "process 77 ended by SIGKILL"),
+        (True, ["terminate", 5.0], "process 77 ended with exit code 143"),
+        (False, ["terminate", 5.0, "kill", None], "process 77 ended by SIGKILL"),
     ],
 )
-def test_a_process_is_ended_in_order_where_it_has_a_task(
-    tasked: bool, obeys: bool, calls: list[Any], end: str, process: Any, monkeypatch: pytest.MonkeyPatch
+def test_a_process_is_ended_in_order(
+    obeys: bool, calls: list[Any], end: str, process: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Task, "patience", 1e9)
     process._process.obeys = obeys
-    if tasked:
-        process.assign([Task(name="a", case=short_case())])
+    process.assign([Task(name="a", case=short_case())])
     other = process.replaced(True)
     assert process._process.calls[1:] == calls
     assert process.end == end

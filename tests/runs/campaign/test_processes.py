@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import re
+import signal
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,10 +13,12 @@ from typing import Any
 import pytest
 
 from dem_bridge.errors import RunBroken
+from dem_bridge.lmp.loaded import CAN_FORK
 from dem_bridge.runs.campaign import Crashed, Result, pool, run_cases
 from dem_bridge.runs.campaign.tasks import Task, Work
 from dem_bridge.runs.store import Store
 from tests.helpers.campaign_cases import die, die_once, hang, mixed_cases, short_case, text_of, with_action
+from tests.helpers.processes import PATIENCE, children_of, running
 
 
 @pytest.fixture(scope="module")
@@ -133,3 +137,22 @@ def _given_up(work: Work, tasks: Sequence[Task], how: str, *, again: bool = True
 
 
 _LOST = Work.lost
+
+
+@pytest.mark.lammps
+@pytest.mark.skipif(not CAN_FORK, reason="each run of LAMMPS has a process of its own here")
+def test_a_process_ends_with_the_engine_that_it_has_loaded() -> None:
+    task = Task(name="a", case=short_case(backend="lammps-granular"))
+    process = pool.WorkerProcess(False)
+    for tasks in ([], [task]):
+        if tasks:
+            process.assign(tasks)
+        assert process.connection.poll(PATIENCE)
+        assert process.has_outcome()
+        assert len([*process.outcomes(Work([], 1))]) == len(tasks)
+    [pid] = [child.pid for child in multiprocessing.active_children() if child.pid is not None]
+    [engine] = children_of(pid)
+    # it does not see that its input closes
+    os.kill(engine, signal.SIGSTOP)
+    process.stop()
+    assert running([pid, engine]) == []
