@@ -287,16 +287,18 @@ class Integration:
         tolerances alike. With the time ``d/u`` of a contact, ``d^n = n u^2 / (2 beta (1/m + 1/M))``, a first step h
         misses ``n/2 missed (h u/d)^n`` of its closing rate u.
         """
-        rate, contacts = self.closing_rates(y), self.contacts
+        rate = self.closing_rates(y)
         begins = np.flatnonzero((y[: self.k] >= 0.0) & (y[: self.k] <= self.touch) & (rate > 0.0))
         if self.laws or len(begins) == 0:
             return math.inf
-        mobility, contacts, rate = np.append(self.bodies["mobility"], 0.0), contacts[begins], rate[begins]
+        mobility, contacts, rate = np.append(self.bodies["mobility"], 0.0), self.contacts[begins], rate[begins]
         both, n = mobility[contacts["left"]] + mobility[contacts["right"]], contacts["power"] + 1.0
-        with np.errstate(divide="ignore"):  # a piston on a wall has no mobility
-            depth = (0.5 * n * rate / both * rate / contacts["stiffness"]) ** (1.0 / n)
-        part = (MISSED * self.rtol / (0.5 * n * self.missed[begins])) ** (1.0 / n)
-        return float(np.min(part * depth / rate))
+        with np.errstate(divide="ignore", over="ignore", under="ignore"):  # a piston on a wall has no mobility
+            depth = (0.5 * n / both / contacts["stiffness"]) ** (1.0 / n) * rate ** (2.0 / n)
+            part = (MISSED * self.rtol / (0.5 * n * self.missed[begins])) ** (1.0 / n)
+            # forces of overlaps up to touch are not felt, however they begin
+            longest = np.maximum(part * depth, self.touch[begins]) / rate
+        return float(np.min(longest[depth > self.touch[begins]], initial=math.inf))
 
     def _switch(self, contact: int, y: Floats, state: NDArray[Any]) -> None:
         """Open or close a contact, in place."""

@@ -16,6 +16,7 @@ from dem_bridge.backends.scipy_step import CompiledDop853
 from dem_bridge.errors import RunBroken, UsageError
 from dem_bridge.observables.conserved import energy, momentum
 from dem_bridge.physics.exact import two_body_collision
+from dem_bridge.scene.file import load_scene
 from dem_bridge.scene.scene import Damping, Scene, Wall
 from tests.conftest import Solve
 from tests.helpers.quadruple_truth import Truth
@@ -286,3 +287,9 @@ def test_a_first_step_sees_a_contact_that_begins_beside_a_stiffer_one(monkeypatc
     # planted: the step that scipy itself chooses, by an estimate that the stiff contact makes too small
     monkeypatch.setattr(scipy_integration, "MISSED", 1e9)
     assert error() > 40 * scipy_dop853.DEFAULT_RTOL
+
+
+def test_motions_ahead_of_a_front_limit_no_step() -> None:
+    # contacts there close at 1e-16 to 1e-258 m/s; steps for them took no time, and the run ended as one that chatters
+    scene = load_scene("decelerating-40-kuwabara-kono")
+    assert db.solve(scene, backend="scipy", uncertainty=False).cost.steps < 3000
