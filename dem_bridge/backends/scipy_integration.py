@@ -28,7 +28,7 @@ from dem_bridge.backends import scipy_kernels as kernels
 from dem_bridge.backends.base import Sampling
 from dem_bridge.backends.scales import natural_scales, resting_acceleration, resting_speed, unfelt_overlap
 from dem_bridge.backends.scipy_kernels import OPEN, PRESSING, Floats
-from dem_bridge.backends.scipy_step import CompiledDop853
+from dem_bridge.backends.scipy_step import CompiledDop853, missed_impulse
 from dem_bridge.errors import RunBroken
 from dem_bridge.foundation import progress
 from dem_bridge.scene.scene import Scene
@@ -48,16 +48,6 @@ LATE = 1e-3
 NEAR_TOUCH = 1e-6
 #: fractions of a step that begins with a closing rate of exactly 0 at which its sign is evaluated: it may turn at once
 PROBES = 2.0 ** np.arange(-20, 1)
-
-
-def missed_impulse(power: Floats) -> Floats:
-    """Return what a step of DOP853 misses of the integral of ``t^power`` from 0 to 1; last digits where it is whole.
-
-    >>> missed_impulse(np.array([1.5])).round(6).tolist()
-    [0.000106]
-    """
-    stages = DOP853.C[: len(DOP853.B)] ** power[:, None] @ DOP853.B
-    return np.asarray(np.maximum(np.abs(stages - 1.0 / (power + 1.0)), np.finfo(float).eps))
 
 
 class NearTouch(TypedDict):
