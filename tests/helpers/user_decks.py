@@ -188,7 +188,8 @@ def _of_limits(answer: Answer) -> Iterator[str]:
 
 def _of_advice(answer: Answer) -> Iterator[str]:
     advice: dict[str, Any] = Texts("judge", "dem_bridge.judging").data["advice"]
-    if answer.cause not in ("none", "unknown") and not answer.next.startswith(advice[answer.cause]):
+    kinds = [answer.cause, *(["missed-wall"] if answer.cause == "missed-contact" else [])]
+    if answer.cause not in ("none", "unknown") and not answer.next.startswith(tuple(advice[kind] for kind in kinds)):
         yield f"the advice is {answer.next!r} for {answer.cause}"
     if answer.cause != "none":
         return
