@@ -90,7 +90,8 @@ def begin_recall(
     foreign = any(not part.__module__.startswith(_PACKAGE) for part in functions)
     if store is None or foreign or None in keys:
         return begin()
-    shown = [(scene.name, scene.description, repr(scene.geometry)) for scene in scenes]
+    texts = {at: repr(geometry) for at, geometry in {id(each.geometry): each.geometry for each in scenes}.items()}
+    shown = [(scene.name, scene.description, texts[id(scene.geometry)]) for scene in scenes]
     registered = [(item.name, item.definition, item.unit, item.axis, item.scale.name) for item in OBSERVABLES.values()]
     parts = {"keys": list(keys), "shown": shown, "observables": registered, "settings": settings}
     key = study_key(question, scenes, engine, **parts)
