@@ -108,15 +108,7 @@ def judge(
     """
     check_arguments(judge, locals())
     paths = [with_step(file) for file in (files if _is_several(files) else [cast(File, files)])]
-    if scene is None and (test := next((path for path, _ in paths if is_unit_test_file(path)), None)):
-        from dem_bridge.api.scenes import scene_from_deck
-
-        scene = scene_from_deck(test)
-    if scene is None:
-        if deck := next((path for path, _ in paths if is_deck(path)), None):
-            raise UsageError(f"no scene was given, and {deck} is a LAMMPS input script; write: dem-bridge check {deck}")
-        raise UsageError("no scene was given; give the scene of the files, a shipped name or the path of a scene file")
-    scene = scene_of(scene)
+    scene = _scene_of_files(scene, [path for path, _ in paths])
     reading = {"columns": columns, "units": units, "bodies": bodies, "axis": axis}
     if command is not None:
         if paths:
@@ -153,6 +145,19 @@ def judge(
         variables=variables,
         **reading,
     )
+
+
+def _scene_of_files(scene: Scene | str | Path | None, paths: Sequence[Path]) -> Scene:
+    """Return the scene of some files: the one that is given, or that of a unit test; UsageError without one."""
+    if scene is None and (test := next(filter(is_unit_test_file, paths), None)):
+        from dem_bridge.api.scenes import scene_from_deck
+
+        scene = scene_from_deck(test)
+    if scene is None:
+        if deck := next(filter(is_deck, paths), None):
+            raise UsageError(f"no scene was given, and {deck} is a LAMMPS input script; write: dem-bridge check {deck}")
+        raise UsageError("no scene was given; give the scene of the files, a shipped name or the path of a scene file")
+    return scene_of(scene)
 
 
 def _is_several(files: File | Sequence[File]) -> TypeGuard[Sequence[File]]:
