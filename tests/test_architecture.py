@@ -242,9 +242,9 @@ def test_only_scene_files_defects_texts_names_of_studies_and_constants_are_parse
     assert _importers("pydantic") == {"scene.file.load", "scene.file.forms"}
 
 
-def test_only_the_process_starts_processes_for_lammps_and_two_call_functions_in_a_child() -> None:
+def test_only_the_process_starts_processes_for_lammps_and_one_those_that_call_functions() -> None:
     importers = {name for name in _importers("subprocess") if not name.startswith(("studies", "verification", "cli"))}
-    assert importers == {"lmp.child", "lmp.loaded", "lmp.process", "foundation.isolated", "foundation.beside"}
+    assert importers == {"lmp.child", "lmp.loaded", "lmp.process", "foundation.isolated"}
 
 
 def test_lower_layers_know_numpy_and_scipy_alone() -> None:

@@ -6,16 +6,14 @@ cannot go there. Whoever asks has the value made here then.
 
 from __future__ import annotations
 
-import json
-import os
 import pickle
-import subprocess
-import sys
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+from dem_bridge.foundation.isolated import start_script
 
 _CHILD = Path(__file__).with_name("beside_child.py")
 
@@ -36,15 +34,7 @@ class Beside:
     """
 
     def __init__(self, *modules: str) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", str(_CHILD), json.dumps(sys.path), *modules],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            bufsize=0,
-            start_new_session=True,  # Ctrl-C stops this process, which then ends it
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        )
+        self._process = start_script(_CHILD, *modules)
         # a question may be larger than a pipe takes while the process still imports
         self._thread, self._asked = ThreadPoolExecutor(1), list[Future[Any]]()
 

@@ -29,19 +29,27 @@ CPU_SECONDS, CPU_PER_MIB, WALL_FACTOR = 5.0, 0.1, 8.0
 MEMORY = 2**32
 
 
+def start_script(script: Path, *words: str) -> subprocess.Popen[bytes]:
+    """Start a script of the package with the path of modules of this process and ``words``; ask it by its pipes.
+
+    Raises OSError if no process can be started.
+    """
+    return subprocess.Popen(
+        [sys.executable, "-P", str(script), json.dumps(sys.path), *words],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        bufsize=0,
+        start_new_session=True,  # Ctrl-C stops this process, which then stops the script
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )
+
+
 class _Child:
     """A child process that calls one function at a time."""
 
     def __init__(self) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-P", str(_CHILD), json.dumps(sys.path), str(MEMORY)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            bufsize=0,
-            start_new_session=True,  # Ctrl-C stops the parent, which then stops it
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        )
+        self.process = start_script(_CHILD, str(MEMORY))
         self.owner = os.getpid()
 
     def ask(self, question: Any, seconds: float) -> tuple[bool, Any]:

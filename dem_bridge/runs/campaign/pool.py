@@ -18,6 +18,7 @@ from types import ModuleType
 from dem_bridge.errors import RunBroken
 from dem_bridge.foundation.kernel_folders import folder_to_write
 from dem_bridge.foundation.progress import Campaign, stop_requested
+from dem_bridge.lmp.child import how_ended
 from dem_bridge.lmp.loaded import stop_idle
 from dem_bridge.runs.campaign.tasks import Outcome, Task, Work, broken, packed, perform
 
@@ -141,9 +142,8 @@ class WorkerProcess:
         overdue = self.overdue
         self.stop()
         code = self._process.exitcode or 0
-        by = f"by {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
         late = "" if overdue is None else f" after {overdue:g} s, in which it had no result"
-        self.end = f"process {self._process.pid} ended {by}{late}"
+        self.end = f"process {self._process.pid} ended {how_ended(code)}{late}"
         return WorkerProcess(main)
 
     def terminate(self) -> None:
